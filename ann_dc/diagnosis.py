@@ -296,8 +296,8 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 
 def _span(*ends: float) -> str:
     """Return one number as text, or two that differ."""
-    told = [f"{0.0 if abs(value) < ROUNDING else value:.3g}" for value in ends]
-    return " .. ".join(dict.fromkeys(told))
+    reported = [f"{0.0 if abs(value) < ROUNDING else value:.3g}" for value in ends]
+    return " .. ".join(dict.fromkeys(reported))
 
 
 def _listed(names: tuple[str, ...]) -> str:

@@ -97,11 +97,11 @@ class Paced:
 
     Examples
     --------
-    >>> told = []
-    >>> loop = Paced(told.append, seconds=0.0)
+    >>> reported = []
+    >>> loop = Paced(reported.append, seconds=0.0)
     >>> for turn in range(2):
     ...     loop(lambda: f"turn {turn}")
-    >>> told
+    >>> reported
     ['turn 0', 'turn 1']
     """
 

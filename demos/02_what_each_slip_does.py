@@ -183,9 +183,9 @@ def without_control_jacobian(problem, slip: Row, reference: Row):
         plane.plot(*path, "o-", color=colour, ms=4.5, lw=1.6, label=f"q neurons, {name}")
         time = row.run.trajectory.time
         largest = np.abs(row.run.trajectory["mu.y"]).max(axis=1)
-        told = time >= 1  # before that the curves are one, and would take decades of the axis
+        reported = time >= 1  # before that the curves are one, and would take decades of the axis
         growth.plot(
-            time[told], largest[told], color=colour, lw=1.8, label=f"largest |mu.y|, {name}"
+            time[reported], largest[reported], color=colour, lw=1.8, label=f"largest |mu.y|, {name}"
         )
     plane.plot(
         *slip.certificate.rollout[:2],

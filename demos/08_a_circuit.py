@@ -49,9 +49,9 @@ def point(backend: ann_dc.SpiceBackend, run: CircuitRun) -> Point:
 def against_margin(network, margins) -> dict[float, Point]:
     """Faster and slower op amps, relative to the network's fastest mode."""
     points = {}
-    for margin in margins:
-        backend = ann_dc.SpiceBackend(level=macro(a0=1e5), margin=margin)
-        points[margin] = point(backend, backend.run(network))
+    for bandwidth_margin in margins:
+        backend = ann_dc.SpiceBackend(level=macro(a0=1e5), bandwidth_margin=bandwidth_margin)
+        points[bandwidth_margin] = point(backend, backend.run(network))
     return points
 
 
@@ -75,9 +75,9 @@ def main(out: Path | None = None, gains=GAINS, margins=MARGINS) -> dict:
               f"within 0.1 % after {run.settling_time() * 1e6:.1f} us")  # fmt: skip
     lowest, slower = threshold(network), against_margin(network, margins)
     print(f"op amps less than {lowest:.2f} times as fast as the fastest mode: oscillates")
-    for margin, found in slower.items():
-        print(f"op amps {margin:4.1f} times as fast: {found.settling * 1e6:.1f} us, predicted "
-              f"{found.predicted * 1e6:.1f} us")  # fmt: skip
+    for bandwidth_margin, found in slower.items():
+        print(f"op amps {bandwidth_margin:4.1f} times as fast: {found.settling * 1e6:.1f} us, "
+              f"predicted {found.predicted * 1e6:.1f} us")  # fmt: skip
     figures = []
     if out is not None:
         figure = picture(ideal, runs, slower, lowest)

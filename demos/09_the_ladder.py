@@ -30,7 +30,7 @@ def main(out: Path | None = None, wanted=quick) -> dict:
               f"{found.predicted_error:.1e}), {1e6 * found.settling:6.1f} us")  # fmt: skip
     figures = []
     if out is not None:
-        figure = plotting.ladder(done, problem)
+        figure = plotting.comparison(done, problem)
         figures.append(plotting.save(figure, Path(out) / "09_the_ladder.png"))
     return {"rungs": {m.name: m for m in done}, "figures": figures}
 

@@ -88,8 +88,8 @@ def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
     large = np.array(sizes) >= LARGE
     costs = exponent_of(np.array(sizes)[large], computing[large])
     found = Series(np.array(sizes), settling, computing, exponent_of(sizes, settling), costs)
-    told = ", ".join(f"{N}: {time:.0f}" for N, time in zip(sizes, settling))
-    print(f"{plant}, {KINDS[kind][0]}: {told}", flush=True)
+    reported = ", ".join(f"{N}: {time:.0f}" for N, time in zip(sizes, settling))
+    print(f"{plant}, {KINDS[kind][0]}: {reported}", flush=True)
     print(f"  settling ~ N^{found.grows}, computing of a fastest time constant ~ N^{costs}")
     return found
 

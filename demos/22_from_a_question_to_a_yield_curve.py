@@ -31,7 +31,7 @@ CHECKED = 8
 CLOSER = {
     "circuit.a0": (5e2, 1e3, 1.2e3, 1.4e3, 1.7e3, 3e3, 1e4, 1e6),
     "circuit.gbw": (6e6, 8e6, 8.8e6, 8.9e6, 9e6, 9.2e6, 10e6, 14e6),
-    "circuit.margin": (
+    "circuit.bandwidth_margin": (
         5.0,
         6.0,
         6.5,
@@ -61,10 +61,10 @@ PANELS = {
     },
     "open-loop gain of the op amps (1)": {"circuit.a0": ("", 1)},
     "gain-bandwidth product (MHz)": {"circuit.gbw": ("", 1e-6)},
-    "bandwidth over the network's fastest rate (1)": {"circuit.margin": ("", 1)},
+    "bandwidth over the network's fastest rate (1)": {"circuit.bandwidth_margin": ("", 1)},
 }
 """What stands on an axis: settings, their word in the legend, and the factor of the unit."""
-LINEAR = ("circuit.gbw", "circuit.margin")
+LINEAR = ("circuit.gbw", "circuit.bandwidth_margin")
 COLOURS = (style.BLUE, style.VERMILION)
 
 

@@ -165,7 +165,7 @@ def grounded(level: Level, picofarads: float) -> Level:
 def worst_loops(network: ann_dc.Network, picofarads: Iterable[float]) -> dict[float, LoopGain]:
     """The loop with the smallest phase margin, over the capacitance at every virtual ground."""
     plain = replace(ann_dc.levels.macro(), smallest_resistor=OHMS)
-    circuit, probe = ann_dc.SpiceBackend(level=plain, margin=MARGIN).prepare(network)
+    circuit, probe = ann_dc.SpiceBackend(level=plain, bandwidth_margin=MARGIN).prepare(network)
     found = {}
     for pf in picofarads:
         level = grounded(plain, pf)

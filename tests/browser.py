@@ -50,14 +50,14 @@ class Browser:
         self.requests: list[str] = []
 
     def __enter__(self):
-        told, self._asks = os.pipe()
+        reported, self._asks = os.pipe()
         self._answers, says = os.pipe()
-        words = [sys.executable, "-c", START, str(told), str(says), CHROMIUM, *FLAGS]
+        words = [sys.executable, "-c", START, str(reported), str(says), CHROMIUM, *FLAGS]
         self._process = subprocess.Popen(
-            [*words, f"--user-data-dir={self._folder}"], pass_fds=(told, says),
+            [*words, f"--user-data-dir={self._folder}"], pass_fds=(reported, says),
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
-        os.close(told)
+        os.close(reported)
         os.close(says)
         target = self.ask("Target.createTarget", url="about:blank", session=None)["targetId"]
         self._session = self.ask(

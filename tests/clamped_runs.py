@@ -75,9 +75,9 @@ def run_with_changes(preconditioner: PreconditionerKind) -> tuple[Network, np.nd
         if number % 30 == 0:  # somebody pushes it
             x = (x + 0.5 * rng.standard_normal(len(x))).clip(low, high)
         states.append(x)
-        moves = own.rhs(x)
-        held = ((x <= low) | (x >= high)) & (moves == 0)
+        derivatives = own.rhs(x)
+        held = ((x <= low) | (x >= high)) & (derivatives == 0)
         changes += before is not None and not np.array_equal(held, before)
         before = held
-        x = (x + step * moves).clip(low, high)
+        x = (x + step * derivatives).clip(low, high)
     return network, np.array(states), changes

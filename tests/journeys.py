@@ -30,7 +30,7 @@ class Ahead:
         return [
             Plan(
                 q=ROBOT.steps(0.1).rollout(s.q, u), u=u, residual=1e-3 / (1 + s.time),
-                pressed=s.time / 2, spent=100.0,
+                relative_multiplier=s.time / 2, spent=100.0,
             )
             for s in situations
         ]  # fmt: skip

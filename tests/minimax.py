@@ -83,9 +83,9 @@ def epigraph(problem: OptimalControlProblem) -> Epigraph:
     parts = [*problem.f, problem.cost, *problem.stage_objectives.values()]
     stage = ca.Function("stage", [of_q, of_u, of_inputs], [translate(parts)])
     inputs = _inputs(problem)
-    told = [stage(q[:, k], u[:, k], inputs[:, k]) for k in range(stages)]
-    gaps = ca.vertcat(*(own[:n] - q[:, k + 1] for k, own in enumerate(told)))
-    total = sum(own[n:] for own in told)
+    reported = [stage(q[:, k], u[:, k], inputs[:, k]) for k in range(stages)]
+    gaps = ca.vertcat(*(own[:n] - q[:, k + 1] for k, own in enumerate(reported)))
+    total = sum(own[n:] for own in reported)
     rows, T = total[1:] - s, problem.temperature
     program = {
         "x": ca.vertcat(ca.vec(q), ca.vec(u), s),

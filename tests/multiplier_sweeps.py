@@ -61,7 +61,7 @@ class Bench:
         return np.interp(0.0, a, (a - x) / 10e3), ((p - q) / q * 50e3)[np.abs(p) > 0.5]
 
 
-def told(law: MultiplierLaw, volts: float, sweep: Sweep, gain: float = 1.0) -> np.ndarray:
+def reported(law: MultiplierLaw, volts: float, sweep: Sweep, gain: float = 1.0) -> np.ndarray:
     """The output that a law says."""
     x, y, z, out = sweep
     added, bend_x, bend_y, follow, tilt_x, tilt_y, bow, offset = known(law)

@@ -45,7 +45,7 @@ CIRCUIT = {
     "--level": ["behavioural", "macro", "ota-c", "opamp", ""],
     "--a0": ["1e5", "10", "0", "x"],
     "--gbw": ["1e7", "-1"],
-    "--margin": ["10", "0", "nan"],
+    "--bandwidth-margin": ["10", "0", "nan"],
     "--full-scale": ["1", "0", "-2", "1e9"],
     "--resistors": ["exact", "E24", "E7"],
     "--metric": ["diagonal", "multilevel", "mesh"],
@@ -118,12 +118,12 @@ def answered(seed: int, folder, monkeypatch) -> None:
     (folder / "folder").mkdir()
     words = words_of(seed)
     result = CliRunner().invoke(app, words, env={"COLUMNS": "80", "TERM": "dumb"})
-    told = f"{words}\n{result.output}\n{result.exception!r}"
-    assert result.exception is None or isinstance(result.exception, SystemExit), told
-    assert result.exit_code in (0, 1, 2), told
-    assert "Traceback" not in result.output, told
+    reported = f"{words}\n{result.output}\n{result.exception!r}"
+    assert result.exception is None or isinstance(result.exception, SystemExit), reported
+    assert result.exit_code in (0, 1, 2), reported
+    assert "Traceback" not in result.output, reported
     if result.exit_code == 2:  # a sentence that says what to do
-        assert "rror" in result.output, told
+        assert "rror" in result.output, reported
 
 
 @seeds(30)

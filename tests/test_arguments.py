@@ -75,7 +75,7 @@ LEGITIMATE = (
      "RecurrentBackend.run_batch.inputs OdeBackend.run_batch.inputs "
      "TwoLevels.step.inputs TwoLevels.run.inputs "
      "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
-     "nonidealities.leak.unit nonidealities.rails.limit manual_gains.rho manual_gains.tau"),
+     "nonidealities.leak.unit nonidealities.saturation.limit manual_gains.rho manual_gains.tau"),
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
      "Network.fixed Network.omitted OptimalControlProblem.constraints "
      "OptimalControlProblem.terminal_constraints Multistart.optima Multistart.others "
@@ -288,7 +288,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "nonidealities.mismatch": lambda: {"relative": 0.1, "seed": 0},
     "nonidealities.noise": lambda: {"density": 1e-6},
     "nonidealities.offset": lambda: {"size": 0.1},
-    "nonidealities.rails": lambda: {"limit": 5.0},
+    "nonidealities.saturation": lambda: {"limit": 5.0},
     "nonidealities.slew": lambda: {"rate": 5.0},
     "emulate": lambda: {**circuit(), "level": ann_dc.levels.macro()},
     "levels.Level.at": lambda: {"conditions": ann_dc.hardware.parts.Conditions(supply=0.9)},
@@ -373,11 +373,11 @@ CHECKED = sorted(set(FACE) - INNER)
 
 @pytest.mark.parametrize("name", CHECKED)
 def test_no_argument_is_nonsense(name, monkeypatch):
-    told = []
+    reported = []
     thing, given = base(name)
-    monkeypatch.setattr(Recorder, "record", lambda *_: told.append("a run began"))
+    monkeypatch.setattr(Recorder, "record", lambda *_: reported.append("a run began"))
     if "progress" in given and name != "AdaptiveStep":
-        given["progress"] = told.append
+        given["progress"] = reported.append
     wrong = []
     for argument in arguments(FACE[name]):
         default, legitimate = default_of(FACE[name], argument), may_be(name, argument)
@@ -395,7 +395,7 @@ def test_no_argument_is_nonsense(name, monkeypatch):
             except Exception as error:
                 wrong.append(f"{argument}: {word}: {error!r}")
     assert wrong == []
-    assert told == []
+    assert reported == []
 
 
 LONG = {

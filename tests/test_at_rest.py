@@ -148,7 +148,7 @@ def instance(start: float = 0.8) -> CircuitInstance:
 @pytest.mark.parametrize("start", [0.8, -8.0])
 def test_circuit_that_rests_at_zero_is_predicted_to_be_right(start):
     found = prediction_of(instance(start))
-    assert found.astray == ""
+    assert found.other_equilibrium == ""
     assert found.control_error < 1e-3
     assert 1e-6 < found.settling_time < 1e-3
 
@@ -200,10 +200,10 @@ def test_pack_of_a_network_at_rest_confirms_its_prediction_in_ngspice(tmp_path):
     command = ["ngspice", "-n", "-b", "deck.cir"]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     size = "of 1% of the largest magnitude of the controls on their way (they settle near zero)"
-    (told,) = re.findall(r"controls settled: off by (\S+) (of 1% .*)", ran.stdout)
+    (reported,) = re.findall(r"controls settled: off by (\S+) (of 1% .*)", ran.stdout)
     assert ran.returncode == 0
-    assert told[1] == size
-    assert float(told[0]) < 1e-3
+    assert reported[1] == size
+    assert float(reported[0]) < 1e-3
     assert size in stated(files)
 
 

@@ -139,9 +139,9 @@ def test_controls_at_rails_are_where_their_clamps_hold_them(problem, level, seed
     nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     found = replace(nominal, deviations=off)
     ideal = probe.control_values[-1].ravel()
-    told, given = (s.emulation.controls(s.settled) - ideal for s in (found, nominal))
+    reported, given = (s.emulation.controls(s.settled) - ideal for s in (found, nominal))
     moved = run.trajectory.control_values[-1].ravel() - ideal
-    np.testing.assert_allclose(told, moved, atol=5e-3 * np.abs(moved).max())
+    np.testing.assert_allclose(reported, moved, atol=5e-3 * np.abs(moved).max())
     (part,) = (p for p in circuit.schematic.parts if getattr(p, "with_limits", False))
     held = [np.isclose(ideal, end, rtol=1e-6) for end in (part.limiter.low, part.limiter.high)]
     if circuit.value_of(part.name) < 0:
@@ -209,7 +209,7 @@ def test_clamps_that_conduct_come_to_rest(kind):
     level = replace(presets.get("tl072_ad633"), full_scale=1.0)
     run = SpiceBackend(level=level).run(design(problem, preconditioner=[kind]).network)
     found = predict(run.circuit, level, run.probe)
-    assert not found.astray
+    assert not found.other_equilibrium
     assert run.settling_time() == pytest.approx(found.settling_time, rel=0.01)
 
 
@@ -351,7 +351,7 @@ def test_states_follow_the_projection_as_closely_as_they_follow_clamps():
     problem = integrator(N=4, dt=0.5, bounds={a: (-1.1, 1.1)})
     for kind in (PreconditionerKind.DIAGONAL, PreconditionerKind.RESISTIVE_GRID):
         network = design(problem, preconditioner=[kind]).network
-        run = SpiceBackend(level=MACRO, margin=60.0).run(network)
+        run = SpiceBackend(level=MACRO, bandwidth_margin=60.0).run(network)
         ideal = OdeBackend(method=ode.DOP853, verify=False).run(network).trajectory
         wanted, found = states_over(ideal, run)
         assert np.abs(wanted - found).max() < 0.022 * np.abs(wanted).max()

@@ -397,7 +397,7 @@ def test_orders_and_steps(tmp_path):
 @needs_ngspice
 @pytest.mark.slow
 def test_from_a_question_to_a_yield_curve(tmp_path):
-    figures = {"tolerance.resistor": (1e-3, 3e-2), "circuit.margin": (5.0, 10.0, 13.0)}
+    figures = {"tolerance.resistor": (1e-3, 3e-2), "circuit.bandwidth_margin": (5.0, 10.0, 13.0)}
     result = demo("22_from_a_question_to_a_yield_curve").main(
         tmp_path, boards=3, checked=1, figures=figures, workers=0
     )
@@ -405,9 +405,9 @@ def test_from_a_question_to_a_yield_curve(tmp_path):
     shares = {
         name: [found.share for found in curve.values()] for name, curve in result["curves"].items()
     }
-    assert shares["circuit.margin"] == [0, 1, 0]
+    assert shares["circuit.bandwidth_margin"] == [0, 1, 0]
     assert shares["tolerance.resistor"][0] == 1 > shares["tolerance.resistor"][1]
-    margins = result["tables"]["circuit.margin"].by("circuit.margin")
+    margins = result["tables"]["circuit.bandwidth_margin"].by("circuit.bandwidth_margin")
     assert margins[5.0].outcomes == {"settled point repels": 3}
     assert margins[13.0].outcomes == {"settled": 3}  # too slow
     spot = result["spot"]

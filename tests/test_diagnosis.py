@@ -73,8 +73,8 @@ def test_other_row_weights_are_told():
     found = diagnose(replace(design, candidates=(design.best, rows)))
     (remedy,) = (r for r in found.remedies if r.compared)
     assert (remedy.change, remedy.ratio) == ("other row weights", 3.0)
-    told = with_ratio(replace(found, remedies=(replace(remedy, gain=10.0),)), 30.0)
-    assert told.advice.startswith("other row weights, 10 times faster nearby")
+    reported = with_ratio(replace(found, remedies=(replace(remedy, gain=10.0),)), 30.0)
+    assert reported.advice.startswith("other row weights, 10 times faster nearby")
 
 
 def test_reasons_name_the_row():
@@ -134,14 +134,14 @@ def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
     low = replace(found.slowness, lowest=-3.0, highest=6.0)
     assert low.exact_ratio() == float("inf")
     remedies = (Remedy(change="more penalty", ratio=60.0, gain=0.5, compared=True),)
-    told = with_ratio(
+    reported = with_ratio(
         replace(found, slowness=low, remedies=remedies, kind=PreconditionerKind.MULTILEVEL), 30.0
     )
-    assert told.advice == "another preconditioner with 6 times the penalties; not alone"
-    high = replace(told.slowness, lowest=0.0)
+    assert reported.advice == "another preconditioner with 6 times the penalties; not alone"
+    high = replace(reported.slowness, lowest=0.0)
     assert HELPS * high.exact_ratio() < 30.0
     assert (
-        replace(told, slowness=high).advice
+        replace(reported, slowness=high).advice
         == "another preconditioner; more penalty then takes the rest"
     )
 
@@ -154,11 +154,11 @@ def test_a_solution_is_analysed_by_its_design():
     assert str(found) == str(ann_dc.diagnose(solution.design))
     slowest = found.slowness.modes[0]
     assert slowest.cause in (Cause.REACH, Cause.PRECONDITIONER)
-    told = {
+    reported = {
         Cause.REACH: "is weakly reachable",
         Cause.PRECONDITIONER: "the preconditioner does not follow",
     }
-    assert told[slowest.cause] in found.reason
+    assert reported[slowest.cause] in found.reason
 
 
 def test_gains_by_hand_are_refused():

@@ -127,6 +127,6 @@ def test_a_run_that_did_not_settle_states_no_second_order(ended):
     assert solution.as_dict()["second_order"] is None
     table = Console(width=300, file=io.StringIO())
     table.print(report_table(solution))
-    for told in (str(solution), table.file.getvalue()):
-        assert "strict local minimum" not in told
-        assert "not checked: the KKT residual" in told
+    for reported in (str(solution), table.file.getvalue()):
+        assert "strict local minimum" not in reported
+        assert "not checked: the KKT residual" in reported

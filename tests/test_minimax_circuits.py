@@ -44,7 +44,7 @@ def network_of(name):
 
 def backend_of(name, level) -> SpiceBackend:
     patient = Simulation(points=POINTS.get(name, 300), patience=1800.0)
-    return SpiceBackend(level=level, margin=MARGIN.get(name, 10.0), simulation=patient)
+    return SpiceBackend(level=level, bandwidth_margin=MARGIN.get(name, 10.0), simulation=patient)
 
 
 @cache
@@ -68,20 +68,20 @@ def test_shares_are_those_of_the_ode(name, level):
     found, wanted = (shares(network_of(name), t.final) for t in (run.trajectory, run.probe))
     np.testing.assert_allclose(found, wanted, atol=5e-5 if level is MACRO else 5e-6)
     if level is MACRO:
-        told = predict(run.circuit, MACRO, run.probe)
-        assert run.control_error == pytest.approx(told.control_error, rel=0.1, abs=3e-5)
+        reported = predict(run.circuit, MACRO, run.probe)
+        assert run.control_error == pytest.approx(reported.control_error, rel=0.1, abs=3e-5)
         run = refined(run, Ngspice(), MACRO.datasheet)
-        assert run.settling_time() == pytest.approx(told.settling_time, rel=0.02)
+        assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.02)
 
 
 @needs_ngspice
 def test_shares_behind_output_resistances_settle_as_predicted():
     level = presets.get("opa192_ad734")
     run = SpiceBackend(level=level).run(network_of("both count"))
-    told = predict(run.circuit, level, run.probe)
-    assert run.control_error == pytest.approx(told.control_error, rel=0.01)
+    reported = predict(run.circuit, level, run.probe)
+    assert run.control_error == pytest.approx(reported.control_error, rel=0.01)
     run = refined(run, Ngspice(), level.datasheet)
-    assert run.settling_time() == pytest.approx(told.settling_time, rel=0.01)
+    assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.01)
 
 
 @needs_ngspice
@@ -101,8 +101,8 @@ def test_transistors_share_as_their_gain_allows():
         shares(run.circuit.schematic.network, t.final) for t in (run.trajectory, run.probe)
     )
     np.testing.assert_allclose(found, wanted, atol=1e-3)
-    told = predict(run.circuit, levels.TRANSISTOR, run.probe)
-    assert run.control_error == pytest.approx(told.control_error, rel=0.2)
+    reported = predict(run.circuit, levels.TRANSISTOR, run.probe)
+    assert run.control_error == pytest.approx(reported.control_error, rel=0.2)
 
 
 @pytest.mark.slow
@@ -115,8 +115,8 @@ def test_larger_ones_share_as_the_ode_does(name, level):
     found, wanted = (shares(network_of(name), t.final) for t in (run.trajectory, run.probe))
     np.testing.assert_allclose(found, wanted, atol=5e-4 if level is MACRO else 1e-5)
     if level is MACRO:
-        told = predict(run.circuit, MACRO, run.probe)
-        assert run.control_error == pytest.approx(told.control_error, rel=0.2)
+        reported = predict(run.circuit, MACRO, run.probe)
+        assert run.control_error == pytest.approx(reported.control_error, rel=0.2)
 
 
 @pytest.mark.parametrize("name", ["one stage", "one counts", "both count"])

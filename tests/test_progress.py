@@ -21,14 +21,14 @@ TINY = 1e-9
 
 
 def test_a_deadline_hands_lines_on_until_it_is_over():
-    told = []
-    deadline = Deadline(told.append, seconds=60.0)
+    reported = []
+    deadline = Deadline(reported.append, seconds=60.0)
     deadline("one")
-    assert told == ["one"]
+    assert reported == ["one"]
     deadline.end = time.monotonic() - 1
     with pytest.raises(Stopped, match="60 s were over"):
         deadline("two")
-    assert told == ["one"]
+    assert reported == ["one"]
 
 
 @pytest.mark.usefixtures("interruptible")

@@ -108,10 +108,10 @@ def test_a_compliant_row_gives_way_in_proportion():
     at_price = zeta[0] > 1 - 1e-9
     np.testing.assert_allclose(over[pressed & ~at_price], 0.02 * zeta[0][pressed & ~at_price])
     assert (over[at_price] >= 0.02 * (1 - 1e-9)).all()
-    told = solution.certificate.soft_rows
-    assert (told.at_price, told.yielding) == (at_price.sum(), (pressed & ~at_price).sum())
-    assert told.at_price > 0
-    assert told.yielding > 0
+    reported = solution.certificate.soft_rows
+    assert (reported.at_price, reported.yielding) == (at_price.sum(), (pressed & ~at_price).sum())
+    assert reported.at_price > 0
+    assert reported.yielding > 0
 
 
 @pytest.mark.parametrize(
@@ -196,9 +196,9 @@ def test_a_frozen_network_names_the_multipliers_that_grow(backend):
     """Once its target is out of reach; with a soft row it settles and says by how much."""
     far = {"q_d.x": 1.5}
     hard = ann_dc.design(CONSTRAINED["dint_v"].problem).network
-    told = backend.run(hard.with_inputs(far)).status
-    assert not told.settled
-    assert "the multipliers z.v_high, " in str(told)
+    reported = backend.run(hard.with_inputs(far)).status
+    assert not reported.settled
+    assert "the multipliers z.v_high, " in str(reported)
     near = backend.run(hard.with_inputs({"q_d.x": 1.02})).status
     assert near.settled
     soft = ann_dc.design(softened("dint_v", 20)).network.with_inputs(far)

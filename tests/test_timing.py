@@ -91,5 +91,13 @@ def test_a_process_is_older_than_what_it_does():
 def test_a_solve_is_told_apart():
     with Stopwatch() as watch:
         ann_dc.solve(ann_dc.plants.double_integrator(N=4))
-    told = ["stage equations", "network", "first run", "gains", "rehearsals", "run", "certificate"]
-    assert [name for name in watch.phases if name != REST] == told
+    reported = [
+        "stage equations",
+        "network",
+        "first run",
+        "gains",
+        "rehearsals",
+        "run",
+        "certificate",
+    ]
+    assert [name for name in watch.phases if name != REST] == reported

@@ -66,18 +66,18 @@ def assert_same_design(problem: OptimalControlProblem, units: Units) -> None:
 
 def assert_same_solution(problem: OptimalControlProblem, units: Units, ours, theirs) -> None:
     """States, controls and multipliers as the user of either problem reads them."""
-    (point, certificate), (told, other_proof) = ours, theirs
+    (point, certificate), (reported, other_proof) = ours, theirs
     scales = scales_of(problem)
     state, control = scales.state_factors[:, None], scales.control_factors[:, None]
     shift = np.broadcast_to(units.shift, problem.n)[:, None]
     push = np.broadcast_to(units.push, problem.m)[:, None]
     in_state, in_control = units.state[:, None], units.control[:, None]
     for own, other, size in (
-        (point[0], shift + in_state * told[0], state),
-        (point[1], push + in_control * told[1], control),
-        (point[2], shift + in_state * told[2], state),
-        (point[3], units.cost / in_state * told[3], scales.cost / state),
-        (point[4][:, 1:], (units.cost / in_state * told[4])[:, 1:], scales.cost / state),
+        (point[0], shift + in_state * reported[0], state),
+        (point[1], push + in_control * reported[1], control),
+        (point[2], shift + in_state * reported[2], state),
+        (point[3], units.cost / in_state * reported[3], scales.cost / state),
+        (point[4][:, 1:], (units.cost / in_state * reported[4])[:, 1:], scales.cost / state),
     ):
         np.testing.assert_allclose(other / size, own / size, rtol=1e-6, atol=1e-6)
     assert other_proof.certified == certificate.certified

@@ -55,10 +55,10 @@ class TorchEvaluator(Evaluator):
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """Return dx/ds (n,) in network units."""
         state = self._state(x)
-        moves = self.flow.move(self.flow.read(state).arriving, state)
-        return self.flow.layout.pack(moves)[0].numpy()
+        derivatives = self.flow.derivative(self.flow.read(state).arriving, state)
+        return self.flow.layout.pack(derivatives)[0].numpy()
 
-    def move(self, drive: np.ndarray) -> np.ndarray:
+    def derivative(self, drive: np.ndarray) -> np.ndarray:
         """Return M drive, both (n,)."""
         layout, vector = self.flow.layout, torch.as_tensor(np.array(drive), dtype=self._dtype)
         drives = layout.fill(vector[None], self.flow.inputs) * layout.live

@@ -2,8 +2,8 @@
 
 import sys
 
-LAYERS = ("ann_dc.backends.layers", "ann_dc.backends.recurrent.in_layers")
-"""Rooms and modules that need torch."""
+LAYERS = "ann_dc.backends.layers"
+"""Room that needs torch."""
 
 
 def forget_torch(monkeypatch) -> None:

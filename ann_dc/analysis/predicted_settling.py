@@ -242,8 +242,8 @@ class _Path:
     def _push(self, amplitudes: np.ndarray) -> np.ndarray:
         """Return the amplitudes (m,) of the nonlinear part of the flow."""
         deviation = self.modes.deviations(amplitudes)
-        move = self.evaluator.rhs(self.states(deviation[:, None])[0])
-        return self.modes.amplitudes(move[self.free] - self.flow @ deviation)
+        derivative = self.evaluator.rhs(self.states(deviation[:, None])[0])
+        return self.modes.amplitudes(derivative[self.free] - self.flow @ deviation)
 
     # ---- the exit ------------------------------------------------------------------------------
 

@@ -149,9 +149,9 @@ class Mode:
 
     def __str__(self) -> str:
         s, shares = self.eigenvalue, dict(zip(self.names, self.shares))
-        told = ", ".join(f"{name} {100 * shares[name]:.0f} %" for name in self.leading[:SHOWN])
+        reported = ", ".join(f"{name} {100 * shares[name]:.0f} %" for name in self.leading[:SHOWN])
         pair = f" +- {s.imag:.3g}i" if self.oscillates else ""
-        return f"{s.real:.3g}{pair}: {told}; {self.pattern}"
+        return f"{s.real:.3g}{pair}: {reported}; {self.pattern}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

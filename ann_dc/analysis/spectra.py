@@ -133,12 +133,12 @@ def _flow(
     progress: Progress = silent,
 ) -> Any:
     """Return the operator v -> M ``drive_jacobian`` v, with M among the free neurons."""
-    products, told, move = itertools.count(1), Paced(progress), evaluator.clamped(~free)
+    products, reported, derivative = itertools.count(1), Paced(progress), evaluator.clamped(~free)
 
     def product(v: np.ndarray) -> np.ndarray:
         number = next(products)
-        told(lambda: f"spectrum: product {number}")
-        return move(np.ascontiguousarray(drive_jacobian @ _padded(v, free)))[free]
+        reported(lambda: f"spectrum: product {number}")
+        return derivative(np.ascontiguousarray(drive_jacobian @ _padded(v, free)))[free]
 
     return _operator(free, product)
 
@@ -187,9 +187,11 @@ def _swinging(
     """Yield eigenvalues near the imaginary axis between the frequencies of ``band``."""
     among, slowness = drive_jacobian[free][:, free], 1 / row.state_rates[free]
     omega, fast = band
-    told = Paced(progress)
+    reported = Paced(progress)
     while omega < _FARTHER * fast:  # never where one of them is nan
-        told(lambda reached=omega: f"spectrum: modes that swing, at {reached / fast:.1%} of all")
+        reported(
+            lambda reached=omega: f"spectrum: modes that swing, at {reached / fast:.1%} of all"
+        )
         centre = (RIGHT + 1j) * omega
         shift = scipy.sparse.diags_array(centre * slowness)
         factors = scipy.sparse.linalg.splu((among - shift).tocsc())
@@ -309,11 +311,11 @@ class Spectrum:
 
     def moving(self) -> Spectrum:
         """Return the modes with eigenvalues not zero to rounding; self if all are such."""
-        moves = np.abs(self.eigenvalues) > AT_REST * self.radius
+        derivatives = np.abs(self.eigenvalues) > AT_REST * self.radius
         return (
             self
-            if moves.all() or not moves.any()
-            else Spectrum(eigenvalues=self.eigenvalues[moves])
+            if derivatives.all() or not derivatives.any()
+            else Spectrum(eigenvalues=self.eigenvalues[derivatives])
         )
 
     @property

@@ -20,7 +20,7 @@ from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.si_prefixes import counted
 
-_Look = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+_Check = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Samples (b,), network times (b,), states (b, n) and residuals (b, 2) of one check."""
 
 
@@ -78,8 +78,8 @@ class BatchRecorder:
 
     def __init__(self, most: int) -> None:
         self.most = most
-        self._looks: list[_Look] = []
-        self._done: list[_Look] = []
+        self._checks: list[_Check] = []
+        self._done: list[_Check] = []
         self._seen, self._stride = 0, 1
         self._last = np.zeros(0)
 
@@ -92,19 +92,19 @@ class BatchRecorder:
             self._last = np.zeros(len(samples))
         self._last[samples] = time
         if self._seen % self._stride == 0:
-            self._looks.append((samples, time, states, residuals))
+            self._checks.append((samples, time, states, residuals))
         self._seen += 1
-        if len(self._looks) > self.most:
+        if len(self._checks) > self.most:
             self._thin(samples)
 
     def _thin(self, running: np.ndarray) -> None:
         """Drop every second record of the running samples."""
-        for look in self._looks[1::2]:
+        for look in self._checks[1::2]:
             done = ~np.isin(look[0], running)
             if done.any():
                 samples, time, states, residuals = look
                 self._done.append((samples[done], time[done], states[done], residuals[done]))
-        self._looks, self._stride = self._looks[::2], 2 * self._stride
+        self._checks, self._stride = self._checks[::2], 2 * self._stride
 
     def curves(self, states: np.ndarray, residuals: np.ndarray) -> BatchCurves:
         """Return all trajectories with their final states (B, n) and residuals (B, 2).
@@ -112,7 +112,7 @@ class BatchRecorder:
         A final state replaces a record of the same time.
         """
         end = np.arange(len(self._last)), self._last, states, residuals
-        columns = [np.concatenate(parts) for parts in zip(*self._done, *self._looks, end)]
+        columns = [np.concatenate(parts) for parts in zip(*self._done, *self._checks, end)]
         order = np.lexsort((columns[1], columns[0]))
         sample, time = columns[0][order], columns[1][order]
         # a sample's end comes last, and is what counts at its time

@@ -1,7 +1,7 @@
 """Batches of samples in generated code: one sample per SIMD lane, on all cores.
 
 The batch is divided into slices that threads take in turn. Within a slice, a finished sample is
-replaced by the next sample (`backends.lanes`).
+replaced by the next sample (`backends.batched`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.backends.batch import BatchCurves, BatchRun
+from ann_dc.backends.batched.group import Ends, Found, Group, Samples, hand_over
+from ann_dc.backends.batched.memory import CONSTRAINT, DONE, STATIONARITY
+from ann_dc.backends.batched.samples import samples_of
 from ann_dc.backends.integration.integrator import (
     DIVERGED,
     LEFT_DOMAIN,
@@ -25,9 +28,6 @@ from ann_dc.backends.integration.integrator import (
     TIME_UP,
     TOO_SHORT,
 )
-from ann_dc.backends.lanes.group import Ends, Found, Group, Samples, hand_over
-from ann_dc.backends.lanes.memory import CONSTRAINT, DONE, STATIONARITY
-from ann_dc.backends.lanes.samples import samples_of
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome
 from ann_dc.errors import NetworkError
@@ -189,11 +189,11 @@ class _Work:
 
     def _line(self, group: Group | None = None) -> str:
         running = int((self.found.codes == RUNNING).sum())
-        told = f"{running} of {len(self.found.codes)} samples run on"
+        reported = f"{running} of {len(self.found.codes)} samples run on"
         if group is None or len(self.found.codes) > 1 or not running:
-            return told
+            return reported
         done, *residuals = group.memory[[DONE, CONSTRAINT, STATIONARITY]].max(axis=1)
-        return f"step {done:.0f}, KKT residual {max(residuals):.1e}: {told}"
+        return f"step {done:.0f}, KKT residual {max(residuals):.1e}: {reported}"
 
 
 def _curves(found: Found) -> BatchCurves:

@@ -15,6 +15,10 @@ import numpy as np
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.batched.continuous import Integration, advance_lanes
+from ann_dc.backends.batched.continuous_code import ROWS
+from ann_dc.backends.batched.group import Group
+from ann_dc.backends.batched.located import Again, locate_exits
 from ann_dc.backends.integration.drawing import CompiledAgain
 from ann_dc.backends.integration.integrator import Ends
 from ann_dc.backends.integration.methods import (
@@ -32,10 +36,6 @@ from ann_dc.backends.integration.methods import (
 from ann_dc.backends.integration.steppers import FIRST_STEP, Beginning, RightHandSide, stepper_of
 from ann_dc.backends.integration.systems import Cells
 from ann_dc.backends.lane_batch import Thread, attempts_of, ends_of, run_lanes
-from ann_dc.backends.lanes.continuous import Integration, advance_lanes
-from ann_dc.backends.lanes.continuous_code import ROWS
-from ann_dc.backends.lanes.group import Group
-from ann_dc.backends.lanes.located import Again, locate_exits
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
@@ -280,7 +280,7 @@ class _Integration:
                 try:
                     paced(self._line)
                 except Stopped as end:
-                    ended = ended or self._told(status.stopped, str(end))
+                    ended = ended or self._reported(status.stopped, str(end))
         stepper, settling = self.stepper, self.backend.settling
         end = stepper.time, stepper.state, ended, settling, stepper.evaluations
         return self.recorder.run(*end, between=stepper.between, exit=stepper.exit)
@@ -310,10 +310,10 @@ class _Integration:
         if block >= 0:
             return status.left_domain(self.network, block, stage, now)
         if why := self._time_is_up(x, now):
-            return self._told(status.not_settled, why)
-        return (how := self._no_headway(now)) and self._told(status.stalled, *how)
+            return self._reported(status.not_settled, why)
+        return (how := self._no_headway(now)) and self._reported(status.stalled, *how)
 
-    def _told(self, how: Callable[..., Status], *why: str) -> Status:
+    def _reported(self, how: Callable[..., Status], *why: str) -> Status:
         return how(self.recorder.residuals[-1], self.stepper.time, *why)
 
     def _no_headway(self, now: float) -> tuple[str, str] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ann_dc.backends.integration.exits import LOOKS
+from ann_dc.backends.integration.exits import CHECKS
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.validation import checked
 
@@ -43,5 +43,5 @@ def _finely(trajectory: Trajectory) -> np.ndarray:
     if not trajectory.is_dense:
         return trajectory.control_values
     time, _ = trajectory.known
-    grid = np.unique(np.linspace(time[:-1], time[1:], LOOKS + 1))
+    grid = np.unique(np.linspace(time[:-1], time[1:], CHECKS + 1))
     return control_values(trajectory.network, trajectory.at(grid))

@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from ann_dc.backends.integration.exits import LOOKS, last_exit as last_exit, located_exit
+from ann_dc.backends.integration.exits import CHECKS, last_exit as last_exit, located_exit
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import require_positive, such_as
 from ann_dc.evaluation.rules import size_of
@@ -129,6 +129,6 @@ def control_settling(
     gaps = first + np.flatnonzero(np.maximum(error[first:-1], error[first + 1 :]) >= SWING * share)
     if not gaps.size:
         return float(time[0])
-    grid = np.unique(np.linspace(time[gaps], time[gaps + 1], LOOKS + 1))
+    grid = np.unique(np.linspace(time[gaps], time[gaps + 1], CHECKS + 1))
     exit = located_exit(lambda times: deviation(trajectory.at(times)), grid, share)
     return float(time[0]) if exit is None else exit

@@ -238,12 +238,12 @@ def with_growth(
         return status
     rows = {diode.neuron for diode in network.cell.inequality_duals}
     names = [network.cell.neurons[i].name for i in found]
-    told = ", ".join(sorted(names, key=lambda name: name not in rows)[:NAMED])
+    reported = ", ".join(sorted(names, key=lambda name: name not in rows)[:NAMED])
     so_far = status.message.removesuffix(f"; {elsewhere(network)}")  # from there they would, too
     message = (
-        f"{so_far}; the multipliers {told} grow steadily: if constraints contradict each other, "
-        "loosen one of them, make it soft, or change the target; else a network with these gains "
-        "does not settle"
+        f"{so_far}; the multipliers {reported} grow steadily: if constraints contradict each "
+        "other, loosen one of them, make it soft, or change the target; else a network with these "
+        "gains does not settle"
     )
     return replace(status, message=message)
 

@@ -2,7 +2,7 @@ r"""Settings of a recurrent run: update order, step rule and acceleration.
 
 Update orders are Jacobi, primal-then-dual and Gauss-Seidel. Each is a map x -> x + h m(x, h) and
 differs in m alone, so that step rules and acceleration work with all of them. They are implemented
-in generated code (`backends.lanes.orders`) and on tensors (`backends.layers.loop`).
+in generated code (`backends.batched.orders`) and on tensors (`backends.layers.loop`).
 
 No step rule may use the solution, since a circuit does not have it. A circuit has the drives, and
 with them the energy e = sqrt(sum \|d m\|) over net inputs d and moves m.
@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ann_dc.analysis.spectra import stability_limit
-from ann_dc.backends.lanes.step_control import StepLengths as StepLengths
+from ann_dc.backends.batched.step_control import StepLengths as StepLengths
 from ann_dc.errors import NetworkError, UnknownNameError, require_positive, such_as
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
@@ -39,7 +39,7 @@ from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
 NAMES = "simultaneous", "two-phase", "stage by stage"
-"""Names of the orders, by their codes in `backends.lanes.orders`."""
+"""Names of the orders, by their codes in `backends.batched.orders`."""
 
 
 @such_as("ann_dc.TWO_PHASE")

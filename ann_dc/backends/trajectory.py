@@ -179,8 +179,8 @@ class Trajectory(Record, Tabulated):
         if not any(neuron.scale.offset for neuron in controls):
             return ""
         units = {n.name: self.units.get(n.name, "").removeprefix("1") for n in controls}
-        told = (f"{n.name} {n.scale.offset:.4g} {units[n.name]}".rstrip() for n in controls)
-        return ", ".join(told)
+        reported = (f"{n.name} {n.scale.offset:.4g} {units[n.name]}".rstrip() for n in controls)
+        return ", ".join(reported)
 
     @property
     def curves(self) -> Curves:

@@ -9,7 +9,7 @@
    uncut net inputs (see `rules`). A neuron with a diagonal row of M uses its cut net input. A
    saturated neuron that the preconditioner couples to others is judged by its derivative and its
    holding current, not by its net input. No derivative leads past a limit. The result depends on
-   the state alone, whatever an evaluator caches. `move` is M d without limits.
+   the state alone, whatever an evaluator caches. `derivative` is M d without limits.
 5. Derivatives of the flow (`fastest_rate`, spectra) hold the saturated neurons: M among the others
    (`Preconditioner.clamp`) times the rows of `drive_jacobian`.
 6. Derivatives are exact and come from the same list of nodes as the values.
@@ -67,11 +67,11 @@ class Evaluator(ABC):
         """Return dx/ds (n,), the projection of M times the net inputs on the limits."""
 
     @abstractmethod
-    def move(self, drive: np.ndarray) -> np.ndarray:
+    def derivative(self, drive: np.ndarray) -> np.ndarray:
         """Multiply a vector (n,) by the preconditioner M, in time proportional to n."""
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return `move` with the masked neurons (n,) held.
+        """Return `derivative` with the masked neurons (n,) held.
 
         The callable maps net inputs (n,) to derivatives (n,) with the preconditioner among the
         other neurons (`Preconditioner.among`). Held neurons that the preconditioner does not couple
@@ -117,10 +117,10 @@ class Evaluator(ABC):
         """
         v, rate = np.random.default_rng(0).standard_normal(len(x)), 1.0
         entries, (row, column) = self.jacobian_entries(x), self.tape.entries[:, :2].T
-        length, move = math.sqrt(v @ v), self.clamped(~self.free(x))
+        length, derivative = math.sqrt(v @ v), self.clamped(~self.free(x))
         for _ in range(iterations):
             drive = np.bincount(row, entries * v[column], len(v)) / length
-            v = move(drive)
+            v = derivative(drive)
             length = math.sqrt(v @ v)
             if not 0 < length < math.inf:
                 break

@@ -46,7 +46,7 @@ def _source() -> str:
 WRITTEN = frozenset(FUNCTIONS[code].name for code in _trees())
 """Function blocks that `value_at` and `slope_at` implement."""
 
-ROOMS = "evaluation", "backends/integration", "backends/lanes"
+ROOMS = "evaluation", "backends/integration", "backends/batched"
 """Folders with functions and records that are compiled into one another."""
 
 

@@ -11,7 +11,7 @@ from ann_dc.evaluation import loops
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
 from ann_dc.evaluation.lane_clamps import LaneClamps, clamp_code
-from ann_dc.evaluation.pivots import clamped_moves
+from ann_dc.evaluation.pivots import clamped_derivative
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
@@ -89,15 +89,15 @@ class InterpretedEvaluator(Evaluator):
 
     # ---- what loops can do besides -----------------------------------------------------------
 
-    def move(self, drive: np.ndarray) -> np.ndarray:
+    def derivative(self, drive: np.ndarray) -> np.ndarray:
         """Multiply net inputs (n,) by M."""
         out = np.empty(len(drive))
         loops.apply_preconditioner(self.tape, self.work, drive, out)
         return out
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return `move` with some neurons held."""
-        return clamped_moves(self.tape, held) or self.move
+        """Return `derivative` with some neurons held."""
+        return clamped_derivative(self.tape, held) or self.derivative
 
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float

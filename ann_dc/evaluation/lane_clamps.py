@@ -42,7 +42,7 @@ ARRAYS = (
     "state_at",
     "values",
     "arriving",
-    "moves",
+    "derivatives",
     "nodes",
     "held",
     "factor",
@@ -76,7 +76,7 @@ class LaneClamps:
             "state_at": state_at,
             "values": hold.values,
             "arriving": hold.drives,
-            "moves": hold.moves,
+            "derivatives": hold.derivatives,
             "nodes": hold.nodes,
             "held": np.tile(hold.held, (lanes, 1, 1)),
             "factor": np.tile(hold.factor, (lanes, 1, 1)),
@@ -98,9 +98,9 @@ class LaneClamps:
 
 _FIRST = 1
 (
-    _DRIVES, _RATES_OF_LANES, _ROOTS, _AT, _STATE_AT, _VALUES, _ARRIVING, _MOVES, _NODES, _HELD,
-    _FACTOR, _RATES, _LIMITS, _REACHED, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES, _COUPLED,
-    _STIFF,
+    _DRIVES, _RATES_OF_LANES, _ROOTS, _AT, _STATE_AT, _VALUES, _ARRIVING, _DERIVATIVES, _NODES,
+    _HELD, _FACTOR, _RATES, _LIMITS, _REACHED, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES,
+    _COUPLED, _STIFF,
 ) = range(_FIRST, _FIRST + WIDTH * len(ARRAYS), WIDTH)  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def _couplings(table, lane):
 @inner
 def _hold(table, lane):
     return Hold(
-        matrix(table, _VALUES), matrix(table, _ARRIVING), matrix(table, _MOVES),
+        matrix(table, _VALUES), matrix(table, _ARRIVING), matrix(table, _DERIVATIVES),
         matrix(table, _NODES), cube(table, _HELD)[lane], cube(table, _FACTOR)[lane],
     )  # fmt: skip
 
@@ -164,7 +164,7 @@ def _scatter(couplings, hold, places, tables, out, lane):
             if at[p, k] >= 0:
                 place = at[p, k] + lane
                 root = roots[place] if roots.shape[0] > 0 else 1.0
-                out[place] = root * hold.moves[p, k]
+                out[place] = root * hold.derivatives[p, k]
                 if _pushes_out(hold.values[p, k + 1], drives[place], low, high):
                     drives[place] = 0.0
 
@@ -175,7 +175,7 @@ def _clamp_lanes(table, x, out):
         (integer_matrix(head, _AT), integer_matrix(head, _STATE_AT)),
         vector(head, _DRIVES),
     )
-    states, moves = carray(floats(x), drives.shape), carray(floats(out), drives.shape)
+    states, derivatives = carray(floats(x), drives.shape), carray(floats(out), drives.shape)
     tables = states, drives, vector(head, _RATES_OF_LANES), vector(head, _ROOTS)
     for lane in range(head[0]):
         couplings = _couplings(head, lane)
@@ -183,7 +183,7 @@ def _clamp_lanes(table, x, out):
             hold = _hold(head, lane)
             _gather(couplings, hold, places, tables, lane)
             clamp(couplings, hold)
-            _scatter(couplings, hold, places, tables, moves, lane)
+            _scatter(couplings, hold, places, tables, derivatives, lane)
     return 0
 
 

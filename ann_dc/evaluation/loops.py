@@ -25,7 +25,7 @@ from ann_dc.evaluation.formulas import (
     value_at,
 )
 from ann_dc.evaluation.pivots import has_limit, stands_at_limit
-from ann_dc.evaluation.preconditioner_arrays import clear, move
+from ann_dc.evaluation.preconditioner_arrays import clear, derivative
 from ann_dc.evaluation.rules import FLOOR, LOST, OVERFLOW, RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     BY_VALUE,
@@ -51,7 +51,7 @@ class Workspace(NamedTuple):
     """Node values (nodes, N + 2); values that are not live come from the tape."""
     drives: np.ndarray
     """Net inputs of the neurons (P, N)."""
-    moves: np.ndarray
+    derivatives: np.ndarray
     """State derivatives (P, N), the preconditioned net inputs."""
     nodes: np.ndarray
     """Nodes of a pyramid (grid points, chains), or of the neurons that a stiffness couples (S, 1).
@@ -73,7 +73,7 @@ def workspace(tape: Tape, planes: np.ndarray, clamp: np.ndarray) -> Workspace:
     return Workspace(
         values=tape.values.copy(),
         drives=planes[0],
-        moves=planes[1],
+        derivatives=planes[1],
         nodes=np.zeros((coupled, 1) if coupled else (points, chains)),
         arriving=planes[2],
         clamp=clamp,
@@ -174,12 +174,12 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
 @inlined
 def flow(tape, work):
     """Compute derivatives (neurons, N) that lead past no limit, after `evaluate`."""
-    move(tape, work)
+    derivative(tape, work)
     if work.clamp[0] != 0 and stands_at_limit(tape, work.values):
         for p in tape.reached:
             if not has_limit(tape.limits, p):
                 _copy(work.drives[p], 0, work.arriving[p])
-        addresses = work.clamp[1], work.values.ctypes.data, work.moves.ctypes.data
+        addresses = work.clamp[1], work.values.ctypes.data, work.derivatives.ctypes.data
         call(work.clamp[0], addresses, ())
 
 
@@ -189,7 +189,7 @@ def rhs(tape, work, x, out):
     evaluate(tape, work, x)
     flow(tape, work)
     for i in range(x.shape[0]):
-        out[i] = work.moves[index(tape.places[i, 0]), index(tape.places[i, 1])]
+        out[i] = work.derivatives[index(tape.places[i, 0]), index(tape.places[i, 1])]
 
 
 @compiled
@@ -296,7 +296,7 @@ def recur(tape, work, x, step, bounds, count, tolerance):
     Returns the number of steps, the last residual, and the outcome: `RAN`, `SETTLED` (residual
     below ``tolerance``) or `LOST` (left a domain or overflowed).
     """
-    last, slew, box, moves = np.inf, bounds.slew, bounds.box, work.moves
+    last, slew, box, derivatives = np.inf, bounds.slew, bounds.box, work.derivatives
     for done in range(count):
         evaluate(tape, work, x)
         constraint, stationarity = residuals(tape, work)
@@ -308,11 +308,11 @@ def recur(tape, work, x, step, bounds, count, tolerance):
         flow(tape, work)
         reach = step
         for i in range(x.shape[0]):
-            speed = abs(moves[tape.places[i, 0], tape.places[i, 1]])
+            speed = abs(derivatives[tape.places[i, 0], tape.places[i, 1]])
             if reach * speed > slew[i]:
                 reach = slew[i] / speed
         for i in range(x.shape[0]):
-            moved = x[i] + reach * moves[tape.places[i, 0], tape.places[i, 1]]
+            moved = x[i] + reach * derivatives[tape.places[i, 0], tape.places[i, 1]]
             x[i] = min(max(moved, box[i, 0]), box[i, 1])
     return count, last, RAN
 
@@ -320,10 +320,10 @@ def recur(tape, work, x, step, bounds, count, tolerance):
 @compiled
 def apply_preconditioner(tape, work, drive, out):
     """Compute ``out = M drive``, both (n,)."""
-    drives, moves = work.drives, work.moves
+    drives, derivatives = work.drives, work.derivatives
     clear(drives)
     for i in range(drive.shape[0]):
         drives[tape.places[i, 0], tape.places[i, 1]] = drive[i]
-    move(tape, work)
+    derivative(tape, work)
     for i in range(drive.shape[0]):
-        out[i] = moves[tape.places[i, 0], tape.places[i, 1]]
+        out[i] = derivatives[tape.places[i, 0], tape.places[i, 1]]

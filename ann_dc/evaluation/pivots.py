@@ -73,7 +73,7 @@ def _exchange(couplings, hold, currents, places, only_last):
         if hold.held[p, k] == HELD:
             wrong, mark = _lets_go(x, currents[p, k], low, high, ROUNDING * slack), FREE
         else:
-            wrong, mark = _pushes_out(x, hold.moves[p, k], low, high), HELD
+            wrong, mark = _pushes_out(x, hold.derivatives[p, k], low, high), HELD
         if wrong:
             first = _mark(hold, p, k, mark, first)
             if only_last:
@@ -117,12 +117,12 @@ def clamp(couplings, hold):
     for i in range(places.shape[0]):  # numbers that are rounded: none moves outward all the same
         p, k = places[i, 0], places[i, 1]
         low, high = couplings.limits[p, 0], couplings.limits[p, 1]
-        if _pushes_out(hold.values[p, k + 1], hold.moves[p, k], low, high):
-            hold.moves[p, k] = 0.0
+        if _pushes_out(hold.values[p, k + 1], hold.derivatives[p, k], low, high):
+            hold.derivatives[p, k] = 0.0
 
 
 @compiled
-def _moves_while_held(couplings, hold, places, is_new):
+def _derivatives_while_held(couplings, hold, places, is_new):
     """Compute the derivatives of a `Hold` for given marks.
 
     The drives and marks are read and the moves are overwritten. ``places`` (h, 2) contains neuron
@@ -132,7 +132,7 @@ def _moves_while_held(couplings, hold, places, is_new):
     solve(couplings, hold, currents, places, 0 if is_new else hold.drives.shape[1])
 
 
-def clamped_moves(tape: Tape, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray] | None:
+def clamped_derivative(tape: Tape, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray] | None:
     """Return a function from net inputs (n,) to derivatives (n,) with held neurons.
 
     Returns None if the preconditioner couples no held neuron, given by a mask (n,), to others.
@@ -145,11 +145,11 @@ def clamped_moves(tape: Tape, held: np.ndarray) -> Callable[[np.ndarray], np.nda
     hold.held[everywhere] = np.where(held, HELD, FREE)
     own, coupled = tape.rates[everywhere], np.isin(tape.places[:, 0], tape.reached)
     hold.drives[everywhere] = 0.0
-    _moves_while_held(couplings, hold, places, True)
+    _derivatives_while_held(couplings, hold, places, True)
 
-    def moves(drive: np.ndarray) -> np.ndarray:
+    def derivatives(drive: np.ndarray) -> np.ndarray:
         hold.drives[everywhere] = drive
-        _moves_while_held(couplings, hold, places, False)
-        return np.where(coupled, hold.moves[everywhere], own * drive)
+        _derivatives_while_held(couplings, hold, places, False)
+        return np.where(coupled, hold.derivatives[everywhere], own * drive)
 
-    return moves
+    return derivatives

@@ -168,7 +168,7 @@ def _respond(tape, grid):
 @inner
 def coordinate(tape, work):
     """Add the contribution of the pyramid to the derivatives."""
-    drives, moves, grid = work.drives, work.moves, work.nodes
+    drives, derivatives, grid = work.drives, work.derivatives, work.nodes
     _restrict(tape, drives, grid)
     _respond(tape, grid)
     for p in range(tape.hats.shape[0]):
@@ -176,11 +176,11 @@ def coordinate(tape, work):
         for i in range(tape.chains.shape[0]):
             row = tape.chains[i, p & 1]
             if tape.rates[row, stage] != 0.0:
-                moves[row, stage] += (1.0 - share) * grid[left, i] + share * grid[left + 1, i]
+                derivatives[row, stage] += (1.0 - share) * grid[left, i] + share * grid[left + 1, i]
 
 
 @inner
-def _relax(coupled, factor, columns, drives, moves, y):
+def _relax(coupled, factor, columns, drives, derivatives, y):
     """Solve K K' m = d, K lower triangular, for the neurons that a stiffness couples."""
     for i in range(y.shape[0]):
         total = drives[coupled[i, 0], coupled[i, 1]]
@@ -193,17 +193,17 @@ def _relax(coupled, factor, columns, drives, moves, y):
         z = y[i, 0] * factor[diagonal]
         for e in range(index(coupled[i, 2]), index(diagonal)):
             y[index(columns[e]), _0] -= factor[e] * z
-        moves[coupled[i, 0], coupled[i, 1]] = z
+        derivatives[coupled[i, 0], coupled[i, 1]] = z
 
 
 @inner
-def move(tape, work):
+def derivative(tape, work):
     """Compute the derivatives (neurons, N), M times the net inputs, after `evaluate`."""
-    drives, moves = work.drives, work.moves
+    drives, derivatives = work.drives, work.derivatives
     for p in range(drives.shape[0]):
         for k in range(drives.shape[1]):
-            moves[p, k] = drives[p, k] * tape.rates[p, k]
+            derivatives[p, k] = drives[p, k] * tape.rates[p, k]
     if tape.chains.shape[0] > 0:
         coordinate(tape, work)
     if tape.coupled.shape[0] > 1:
-        _relax(tape.coupled, tape.factor, tape.factor_columns, drives, moves, work.nodes)
+        _relax(tape.coupled, tape.factor, tape.factor_columns, drives, derivatives, work.nodes)

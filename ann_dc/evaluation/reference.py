@@ -150,25 +150,25 @@ class ReferenceEvaluator(Evaluator):
         )
         arriving, outward = self._arriving(x)
         drives = pack(np.where(outward & ~self._coupled, 0, arriving))
-        moves = preconditioner.moves(row, drives)
+        derivatives = preconditioner.derivatives(row, drives)
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         coupled = pack(np.broadcast_to(self._coupled, row.rates.shape))
         at_limit = coupled & ((np.real(x) <= low) | (np.real(x) >= high))
         for sample in map(tuple, np.argwhere(at_limit.any(axis=-1))):
             state, drive = np.real(x[sample]), drives[sample]
-            moves[sample] = projected(
+            derivatives[sample] = projected(
                 lambda held: preconditioner.clamp(row, held), drive, state, low, high, coupled
             )
-        return moves
+        return derivatives
 
     @cached_property
     def _coupled(self) -> np.ndarray:
         """Mask (P, 1) of neurons that also move with the net inputs of other neurons."""
         return self.network.preconditioner.reach(self.network.layout)[:, None]
 
-    def move(self, drive: np.ndarray) -> np.ndarray:
+    def derivative(self, drive: np.ndarray) -> np.ndarray:
         """Multiply net inputs (..., n), real or complex, by M."""
-        return self.network.preconditioner.moves(self.network.layout, _state(drive))
+        return self.network.preconditioner.derivatives(self.network.layout, _state(drive))
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Return the relative (constraint, stationarity) residuals."""

@@ -123,9 +123,9 @@ def size_in_words(end: np.ndarray, reach: float, offsets: str = "") -> str:
     return f"{RESTING:.0%} of the scale of the controls (they stay at {at})"
 
 
-def pushes_out(state, move, low, high):
+def pushes_out(state, derivative, low, high):
     """Return True if a move leads past the limit at which the state is."""
-    return ((state <= low) & (move < 0.0)) | ((state >= high) & (move > 0.0))
+    return ((state <= low) & (derivative < 0.0)) | ((state >= high) & (derivative > 0.0))
 
 
 def lets_go(state, current, low, high, slack):
@@ -238,18 +238,18 @@ def projected(
     """
     at_limit = coupled & ((x <= low) | (x >= high))
     held = at_limit & pushes_out(x, np.real(drive), low, high)
-    moves, currents = clamp(held)(drive)
+    derivatives, currents = clamp(held)(drive)
     for pivot in range(PIVOTS):
         slack = ROUNDING * np.max(np.abs(drive[held]) + np.abs(currents[held]), initial=0.0)
         wrong = np.where(
             held,
             lets_go(x, np.real(currents), low, high, slack),
-            at_limit & pushes_out(x, np.real(moves), low, high),
+            at_limit & pushes_out(x, np.real(derivatives), low, high),
         )
         if not wrong.any():
             break
         if pivot >= BLOCKS:
             wrong[: np.flatnonzero(wrong)[-1]] = False
         held = held ^ wrong
-        moves, currents = clamp(held)(drive)
-    return np.where(coupled & pushes_out(x, np.real(moves), low, high), 0.0, moves)
+        derivatives, currents = clamp(held)(drive)
+    return np.where(coupled & pushes_out(x, np.real(derivatives), low, high), 0.0, derivatives)

@@ -55,7 +55,7 @@ class Hold(NamedTuple):
     """States from the second column on (P or more, N + 2)."""
     drives: np.ndarray
     """Net inputs (P, N), not cut at saturation limits."""
-    moves: np.ndarray
+    derivatives: np.ndarray
     """Derivatives (P, N), computed for neurons that the preconditioner couples."""
     nodes: np.ndarray
     """Nodes of a pyramid (grid points, chains)."""
@@ -71,7 +71,7 @@ class Hold(NamedTuple):
         return cls(
             values=np.zeros((shape[0], shape[1] + 2)),
             drives=np.zeros(shape),
-            moves=np.zeros(shape),
+            derivatives=np.zeros(shape),
             nodes=np.zeros((points, max(len(tape.chains), 1))),
             held=np.full(shape, UNKNOWN),
             factor=factor_of(tape),
@@ -91,7 +91,7 @@ class _Spread(NamedTuple):
     """Arrays that a pyramid reads and fills."""
 
     drives: np.ndarray
-    moves: np.ndarray
+    derivatives: np.ndarray
     nodes: np.ndarray
 
 
@@ -151,7 +151,7 @@ def _solve_band(couplings, hold, currents):
     for i in range(count):
         p, k = coupled[i, 0], coupled[i, 1]
         is_held = hold.held[p, k] == HELD
-        hold.moves[p, k] = 0.0 if is_held else y[i]
+        hold.derivatives[p, k] = 0.0 if is_held else y[i]
         if is_held:
             currents[p, k] = _row_of_band(stiff, i, y) - hold.drives[p, k]
 
@@ -160,12 +160,12 @@ def _solve_band(couplings, hold, currents):
 
 
 @inner
-def _spread(couplings, drives, moves, nodes):
+def _spread(couplings, drives, derivatives, nodes):
     """Compute M d for all neurons."""
     for p in range(drives.shape[0]):
         for k in range(drives.shape[1]):
-            moves[p, k] = drives[p, k] * couplings.rates[p, k]
-    coordinate(couplings, _Spread(drives, moves, nodes))
+            derivatives[p, k] = drives[p, k] * couplings.rates[p, k]
+    coordinate(couplings, _Spread(drives, derivatives, nodes))
 
 
 @inner
@@ -174,10 +174,10 @@ def _factor_dense(couplings, hold, places, L):
     unit, count = np.zeros(hold.drives.shape), places.shape[0]
     for j in range(count):
         unit[places[j, 0], places[j, 1]] = 1.0
-        _spread(couplings, unit, hold.moves, hold.nodes)
+        _spread(couplings, unit, hold.derivatives, hold.nodes)
         unit[places[j, 0], places[j, 1]] = 0.0
         for i in range(j, count):
-            L[i, j] = hold.moves[places[i, 0], places[i, 1]]
+            L[i, j] = hold.derivatives[places[i, 0], places[i, 1]]
     for j in range(count):
         for i in range(j, count):
             total = L[i, j]
@@ -194,10 +194,10 @@ def _solve_dense(couplings, hold, currents, places, is_new):
     L = hold.factor if is_kept else np.zeros((count, count))
     if is_new or not is_kept:
         _factor_dense(couplings, hold, places, L)
-    _spread(couplings, hold.drives, hold.moves, hold.nodes)
+    _spread(couplings, hold.drives, hold.derivatives, hold.nodes)
     y, pushed = np.zeros(count), hold.drives.copy()
     for i in range(count):
-        total = -hold.moves[places[i, 0], places[i, 1]]
+        total = -hold.derivatives[places[i, 0], places[i, 1]]
         for j in range(i):
             total -= L[i, j] * y[j]
         y[i] = total * L[i, i]
@@ -207,9 +207,9 @@ def _solve_dense(couplings, hold, currents, places, is_new):
             y[j] -= L[i, j] * y[i]
         currents[places[i, 0], places[i, 1]] = y[i]
         pushed[places[i, 0], places[i, 1]] += y[i]
-    _spread(couplings, pushed, hold.moves, hold.nodes)
+    _spread(couplings, pushed, hold.derivatives, hold.nodes)
     for i in range(count):
-        hold.moves[places[i, 0], places[i, 1]] = 0.0
+        hold.derivatives[places[i, 0], places[i, 1]] = 0.0
 
 
 # ---- both ----------------------------------------------------------------------------------------

@@ -11,6 +11,10 @@ from .error_budget import (
     total_error as total_error,
 )
 from .fitting import fitting_intervals as fitting_intervals, smallest_margin as smallest_margin
-from .level_comparison import compare_levels as compare_levels, quick as quick, rungs as rungs
+from .level_comparison import (
+    compare_levels as compare_levels,
+    compared_levels as compared_levels,
+    quick as quick,
+)
 from .loop_gains import LoopGain as LoopGain, loop_gains as loop_gains
 from .prediction import predict as predict, prediction_of as prediction_of

@@ -28,7 +28,7 @@ from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
 from ann_dc.fidelity.wire_requirements import PreconditionerDemand, preconditioner_demand
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
-from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, rounded_to_series
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
@@ -91,7 +91,7 @@ def predicted_errors(
 
 def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> CircuitInstance:
     """Return the circuit before drawing, with resistors and capacitors of the series."""
-    off = snapped(circuit, backend.series)
+    off = rounded_to_series(circuit, backend.series)
     return CircuitInstance(circuit=circuit, level=backend.level, probe=probe, deviations=off)
 
 
@@ -222,8 +222,8 @@ class CircuitStudy:
     cost: Cost
     prediction: Prediction | None
     unpredicted: Unpredicted | None
-    snapping: Mapping[str, float]
-    louder: bool
+    series_rounding: Mapping[str, float]
+    raise_full_scale: bool
     noise: float
     size: str
     items: tuple[Item, ...]
@@ -234,7 +234,7 @@ class CircuitStudy:
     unlooped: str = ""
 
     @property
-    def near(self) -> bool:
+    def within_tolerance(self) -> bool:
         """True if the settled or predicted error, noise included, is below `NEAR`."""
         return not self.unknown and not self.shortcoming
 
@@ -255,8 +255,8 @@ class CircuitStudy:
             return ""  # unknown
         elif not found.stable:
             return "its settled point is predicted to repel"
-        elif found.astray:
-            return f"nothing says that it gets there: {found.astray}"
+        elif found.other_equilibrium:
+            return f"nothing says that it gets there: {found.other_equilibrium}"
         else:
             error = found.control_error
         return self._excess(error, verb)
@@ -265,15 +265,15 @@ class CircuitStudy:
         """Return a message on a control error or noise that is too large, with a remedy."""
         if noisy(error, self.noise) < NEAR:
             return ""
-        louder = "a larger full scale, " if self.louder else ""
+        raise_full_scale = "a larger full scale, " if self.raise_full_scale else ""
         if error < NEAR:
             return (
                 f"noise of {self.noise:.1%} rms of {self.size} is on its controls, beside "
                 f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
-                f"{louder}or the mean of many readings"
+                f"{raise_full_scale}or the mean of many readings"
             )
-        means = f"take better parts, {louder}or a slower network"
-        if (off := self.snapping.get("resistor", 0.0)) > NEAR / 10:
+        means = f"take better parts, {raise_full_scale}or a slower network"
+        if (off := self.series_rounding.get("resistor", 0.0)) > NEAR / 10:
             means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
         far = f"{error:.1%} of {self.size}, above {NEAR:.0%}"
         return f"the error of its controls {verb} {far}: {means}"
@@ -322,10 +322,11 @@ def study_circuit(
     {'op amps': 57, 'resistors': 146, 'capacitors': 39}
     >>> board = ann_dc.SpiceBackend(level=ann_dc.presets.get("opa192_ad734"), seed=1)
     >>> study = study_circuit(network, board, items=3)  # doctest: +SKIP
-    >>> study.near, study.run.control_error / study.prediction.control_error  # doctest: +SKIP
+    >>> study.within_tolerance  # doctest: +SKIP
+    >>> study.run.control_error / study.prediction.control_error  # doctest: +SKIP
     """
     circuit, probe = backend.prepare(network)
-    level, off = backend.level, snapped(circuit, backend.series)
+    level, off = backend.level, rounded_to_series(circuit, backend.series)
     nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     deviations = backend.deviations(circuit)
     built = replace(nominal, deviations=deviations) if deviations else nominal
@@ -359,8 +360,8 @@ def study_circuit(
         ),
         prediction=prediction,
         unpredicted=unpredicted,
-        snapping=_snapping(circuit, off),
-        louder=level.full_scale < KNEE * level.limit / 1.2,
+        series_rounding=_series_rounding(circuit, off),
+        raise_full_scale=level.full_scale < KNEE * level.limit / 1.2,
         noise=noise,
         size=probe.measured_in(units or {}).size_in_words,
         items=worst,
@@ -372,7 +373,7 @@ def study_circuit(
     )
 
 
-def _snapping(circuit: Circuit, off: Deviations) -> dict[str, float]:
+def _series_rounding(circuit: Circuit, off: Deviations) -> dict[str, float]:
     """Return the largest relative deviation of the parts of each kind."""
     found = {}
     for parameter in circuit.parameters:

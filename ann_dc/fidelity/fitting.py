@@ -109,11 +109,11 @@ def fitted(backend: SpiceBackend, network: Network) -> SpiceBackend:
     margin is infinite if none suffices.
     """
     backend = replace(backend, intervals=fitting_intervals(backend, network))
-    if backend.margin is not None:
+    if backend.bandwidth_margin is not None:
         return backend
     circuit, probe = backend.prepare(network)
-    margin = fitting_margin(circuit, backend.level, probe, progress=backend.progress)
-    return replace(backend, margin=margin)
+    bandwidth_margin = fitting_margin(circuit, backend.level, probe, progress=backend.progress)
+    return replace(backend, bandwidth_margin=bandwidth_margin)
 
 
 def _intervals(

@@ -42,7 +42,7 @@ from ann_dc.hardware.parts.levels import (
     ota_c,
     switched_capacitor,
 )
-from ann_dc.hardware.schematic.buildable import with_rails
+from ann_dc.hardware.schematic.buildable import clamped_full_scale
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.reference_solvers import SolverTiming
@@ -62,7 +62,7 @@ class Group(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rung:
+class ComparedLevel:
     """Level of the comparison, with its part errors.
 
     Attributes
@@ -84,9 +84,9 @@ class Rung:
 
 
 @checked
-def rungs(
+def compared_levels(
     network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1
-) -> tuple[Rung, ...]:
+) -> tuple[ComparedLevel, ...]:
     """Return the levels: ideal, single non-idealities, part sets and silicon.
 
     `network` and `probe`, its run in continuous time, give the step of switched capacitors. `base`
@@ -94,20 +94,20 @@ def rungs(
     parts. Raises `UnknownNameError` if the part set is unknown.
     """
     step = SLOWEST * stability_limit(probe.network, probe.final)
-    boards = {name: with_rails(network, presets.get(name)) for name in presets.names()}
+    boards = {name: clamped_full_scale(network, presets.get(name)) for name in presets.names()}
     return (
-        Rung(name="behavioural", level=BEHAVIOURAL),
-        Rung(name="OTA-C, tanh 30 x full scale", level=ota_c()),
-        Rung(name="macro, A0 = 1e6", level=macro()),
-        Rung(name="macro, fully differential", level=macro(differential=True)),
-        *_alone(with_rails(network, presets.get(base)), seed),
-        *(Rung(name=name, level=level, seed=seed) for name, level in boards.items()),
-        Rung(
+        ComparedLevel(name="behavioural", level=BEHAVIOURAL),
+        ComparedLevel(name="OTA-C, tanh 30 x full scale", level=ota_c()),
+        ComparedLevel(name="macro, A0 = 1e6", level=macro()),
+        ComparedLevel(name="macro, fully differential", level=macro(differential=True)),
+        *_alone(clamped_full_scale(network, presets.get(base)), seed),
+        *(ComparedLevel(name=name, level=level, seed=seed) for name, level in boards.items()),
+        ComparedLevel(
             name="switched-capacitor, A0 = 1e6",
             level=switched_capacitor(a0=1e6, step=step),
             slow=True,
         ),
-        Rung(name="transistor", level=TRANSISTOR),
+        ComparedLevel(name="transistor", level=TRANSISTOR),
     )
 
 
@@ -115,13 +115,13 @@ MULTIPLIERS = ("multiplier_bandwidth", "function_bandwidth")
 """Figures of the datasheet that limit multipliers."""
 
 
-def _alone(level: Level, seed: int) -> Iterator[Rung]:
+def _alone(level: Level, seed: int) -> Iterator[ComparedLevel]:
     """Yield a level for every non-ideality alone, with all else ideal."""
     datasheet, tolerances = level.datasheet, level.tolerances
     figures: dict[str, tuple[str, ...]] = {
         f"gain {datasheet.a0:.0e}": ("a0",),
         f"slew {datasheet.slew * 1e-6:.0f} V/us": ("slew",),
-        f"rails {datasheet.rails:g} V": ("rails",),
+        f"rails {datasheet.output_swing:g} V": ("output_swing",),
         f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz": MULTIPLIERS,
     }
     errors = {
@@ -131,7 +131,7 @@ def _alone(level: Level, seed: int) -> Iterator[Rung]:
         f"multiplier offsets {tolerances.product_offset * 1e3:g} mV": "product_offset",
     }
     plain = Datasheet(a0=1e8, gbw=datasheet.gbw, tolerances=Tolerances())
-    alone = Rung(
+    alone = ComparedLevel(
         name="E96 resistors alone",
         group=Group.ALONE,
         level=replace(level, name="macro", datasheet=plain),
@@ -198,7 +198,7 @@ class Measured:
 
 
 @checked
-def quick(rung: Rung) -> bool:
+def quick(compared: ComparedLevel) -> bool:
     """Return True if ngspice needs only seconds.
 
     Switched capacitors of a car take minutes.
@@ -207,19 +207,19 @@ def quick(rung: Rung) -> bool:
     --------
     >>> from ann_dc.fidelity import quick
     >>> from ann_dc.hardware.parts import switched_capacitor
-    >>> quick(Rung(name="switched capacitors", level=switched_capacitor(step=0.1), slow=True))
+    >>> quick(ComparedLevel(name="sc", level=switched_capacitor(step=0.1), slow=True))
     False
     """
-    return not rung.slow
+    return not compared.slow
 
 
 @checked
 def compare_levels(
     network: Network,
-    ladder: Ladder | None = None,
+    comparison: LevelComparison | None = None,
     *,
     seed: int = 1,
-    wanted: Callable[[Rung], bool] = quick,
+    wanted: Callable[[ComparedLevel], bool] = quick,
     timings: Iterable[SolverTiming] = (),
 ) -> Iterator[Measured]:
     """Yield the level comparison: digital methods, circuits, solvers on this CPU.
@@ -232,11 +232,11 @@ def compare_levels(
     network : Network
         Network of one problem, which must settle.
     ladder : Ladder, optional
-        Settings of the circuit runs. Default: `Ladder` with its defaults.
+        Settings of the circuit runs. Default: `LevelComparison` with its defaults.
     seed : int
         Seed of the errors of single parts. Default 1.
     wanted : callable
-        Selects the circuits to build from those of `rungs`. Default: `quick`.
+        Selects the circuits to build from those of `compared_levels`. Default: `quick`.
     timings : iterable of SolverTiming
         Solvers to list for comparison; see `ann_dc.optimality.time_solvers`. Default: none.
 
@@ -252,18 +252,18 @@ def compare_levels(
     >>> for measured in compare_levels(network):  # doctest: +SKIP
     ...     print(measured.name, measured.error, measured.settling)
     """
-    ladder = ladder or Ladder()
-    first, probe = _ode_rung(network)
+    comparison = comparison or LevelComparison()
+    first, probe = _ode_level(network)
     yield first
-    ladder.progress("recurrent layer")
-    yield _recurrent_rung(network, probe)
-    yield from ladder.run(network, filter(wanted, rungs(network, probe, seed=seed)))
+    comparison.progress("recurrent layer")
+    yield _recurrent_level(network, probe)
+    yield from comparison.run(network, filter(wanted, compared_levels(network, probe, seed=seed)))
     for timing in timings:
         name = f"{timing.name} on this CPU"
         yield Measured(name=name, group=Group.DIGITAL, settling=timing.seconds)
 
 
-def _ode_rung(network: Network) -> tuple[Measured, Trajectory]:
+def _ode_level(network: Network) -> tuple[Measured, Trajectory]:
     """Return the result of the ODE in the time scale of 10 MHz op amps, and its run."""
     circuit, probe = SpiceBackend(level=macro()).prepare(network)
     first = Measured(
@@ -275,7 +275,7 @@ def _ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     return first, probe
 
 
-def _recurrent_rung(network: Network, probe: Trajectory) -> Measured:
+def _recurrent_level(network: Network, probe: Trajectory) -> Measured:
     """Return the result of the recurrent layer with adaptive steps.
 
     The layer has steps instead of seconds. The error is measured near the end of `probe`, the run
@@ -299,7 +299,7 @@ def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ladder:
+class LevelComparison:
     """Settings for running the circuits of a level comparison.
 
     By default each level has a simulator with its time limit and its fitted bandwidth margin k:
@@ -307,33 +307,33 @@ class Ladder:
     """
 
     simulator: Ngspice | None = None
-    margin: float | None = None
+    bandwidth_margin: float | None = None
     progress: Progress = silent
 
-    def run(self, network: Network, steps: Iterable[Rung]) -> Iterator[Measured]:
+    def run(self, network: Network, steps: Iterable[ComparedLevel]) -> Iterator[Measured]:
         """Predict and measure the given levels in order, when their results are requested.
 
         A failed level gives its reason. Raises `NgspiceMissing` if ngspice is not found for the
         first circuit.
         """
-        for rung in steps:
-            self.progress(rung.name)
-            yield self._measured(network, rung)
+        for compared in steps:
+            self.progress(compared.name)
+            yield self._measured(network, compared)
 
-    def _measured(self, network: Network, rung: Rung) -> Measured:
+    def _measured(self, network: Network, compared: ComparedLevel) -> Measured:
         backend = SpiceBackend(
-            level=rung.level,
+            level=compared.level,
             simulator=self.simulator,
-            margin=self.margin,
-            seed=rung.seed,
-            series=rung.series,
+            bandwidth_margin=self.bandwidth_margin,
+            seed=compared.seed,
+            series=compared.series,
             require_stable=False,
         )
-        done = Measured(name=rung.name, group=rung.group, level=rung.level)
+        done = Measured(name=compared.name, group=compared.group, level=compared.level)
         try:
             if (
                 network.preconditioner.kind is not PreconditionerKind.DIAGONAL
-                and rung.level.emulated
+                and compared.level.emulated
             ):
                 backend = replace(backend, intervals=fitting_intervals(backend, network))
             circuit, probe = backend.prepare(network)

@@ -63,7 +63,7 @@ class Prediction:
     control_error: float
     settling_time: float
     spectrum: Spectrum
-    astray: str = ""
+    other_equilibrium: str = ""
     unknown: str = ""
 
     @property
@@ -172,27 +172,27 @@ def prediction_of(instance: CircuitInstance) -> Prediction | Unpredicted:
         off, modes = instance.control_error, instance.modes
     except NetworkError as error:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
-    told = Prediction(control_error=off, settling_time=float("nan"), spectrum=modes)
+    reported = Prediction(control_error=off, settling_time=float("nan"), spectrum=modes)
     if why := untimed(instance):
-        return replace(told, unknown=why)
-    if not told.stable:
-        return replace(told, unknown=REPELS)
-    return _timed(told, instance, transient_of(instance))
+        return replace(reported, unknown=why)
+    if not reported.stable:
+        return replace(reported, unknown=REPELS)
+    return _timed(reported, instance, transient_of(instance))
 
 
-def _timed(told: Prediction, instance: CircuitInstance, run: Run) -> Prediction | Unpredicted:
+def _timed(reported: Prediction, instance: CircuitInstance, run: Run) -> Prediction | Unpredicted:
     """Return a prediction completed with the result of its transient."""
     if run.status.outcome not in LOST and clipped_at(instance.moving, run.trajectory.final).any():
         return clipping_of(instance, instance.moving, run.trajectory.final)
-    if lost := astray_of(instance, run):
-        return replace(told, astray=lost, unknown=lost)
+    if lost := other_equilibrium_of(instance, run):
+        return replace(reported, other_equilibrium=lost, unknown=lost)
     if not run.status.settled:
         open_end = f"its transient {run.status}"
-        return replace(told, astray=open_end, unknown=open_end)
-    return replace(told, settling_time=settling_of(instance, run))
+        return replace(reported, other_equilibrium=open_end, unknown=open_end)
+    return replace(reported, settling_time=settling_of(instance, run))
 
 
-def astray_of(instance: CircuitInstance, run: Run) -> str:
+def other_equilibrium_of(instance: CircuitInstance, run: Run) -> str:
     """Return, as a clause, the other equilibrium to which a transient leads.
 
     The clause is empty if the run reaches the settled point, or ends before this is known.
@@ -235,7 +235,7 @@ def untimed(instance: CircuitInstance) -> str:
 
 def clipped_at(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     """Return booleans (n,) that mark clipped parts; saturated neurons do not count."""
-    low, high = _rails(emulation)
+    low, high = _output_limits(emulation)
     return ((x <= low) | (x >= high)) & emulation.clips
 
 
@@ -245,7 +245,7 @@ def clipping_of(instance: CircuitInstance, emulation: Emulation, x: np.ndarray) 
     `x` (n,) is a state of the emulation, settled with clipped parts.
     """
     network, clipped = emulation.network, np.flatnonzero(clipped_at(emulation, x))
-    rails = _rails(emulation)[1]
+    rails = _output_limits(emulation)[1]
     limits = {
         (network.cell.neurons[row].name, int(stage)): rails[i]
         for i in clipped
@@ -260,7 +260,7 @@ def clipping_of(instance: CircuitInstance, emulation: Emulation, x: np.ndarray) 
 def _cure(instance: CircuitInstance, limits: Mapping[tuple[str, int], float]) -> str:
     """Return advice for clipped parts, from a transient without output limits."""
     level = instance.level
-    endless = replace(level.datasheet, rails=np.inf, multiplier_rails=np.inf)
+    endless = replace(level.datasheet, output_swing=np.inf, multiplier_output_swing=np.inf)
     free = replace(instance, level=replace(level, datasheet=endless))
     run = transient_of(free)
     if not run.status.settled:
@@ -278,7 +278,7 @@ def _cure(instance: CircuitInstance, limits: Mapping[tuple[str, int], float]) ->
     )
 
 
-def _rails(emulation: Emulation) -> tuple[np.ndarray, np.ndarray]:
+def _output_limits(emulation: Emulation) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest values of the state components, (n,) each."""
     network = emulation.network
     low, high = evaluator(network).tape.limits[network.places[:, 0]].T

@@ -47,7 +47,7 @@ SLOW = 600.0
 _DIFFERENT = 1e-3
 """Distance, relative to the largest primal neuron, above which two settled points differ."""
 
-STRAYS = 4
+OTHER_EQUILIBRIA = 4
 """Number of other equilibria that are examined if networks settle there."""
 
 _STIFFER = (10.0, 100.0, 1000.0)
@@ -117,14 +117,14 @@ class Choice:
         """Return all candidates at a settled point, the best first."""
         found = ()
         for kind in self._useful():
-            found = self._rehearsed(settled, (*found, *self._compared(settled, kind)))
+            found = self._tried_out(settled, (*found, *self._compared(settled, kind)))
             if found and found[0].settling < np.inf and found[0].ratio < _NEAR_LIMIT:
                 break
         if not found:  # the only kind that is allowed has no preconditioner here: let it say why
             return (candidate_of(settled, self.gain_rule or GAIN_RULES[self.kinds[0]], 1.0),)
         return found
 
-    def _rehearsed(
+    def _tried_out(
         self,
         settled: SettledPoint,
         candidates: Iterable[Candidate],
@@ -201,23 +201,23 @@ class Choice:
         """
         if found[0].settling < np.inf:
             return settled, found
-        best, there = self._from_strays(settled, found)
+        best, there = self._from_other_equilibria(settled, found)
         for gain_rules in (stiffer, steadier):
             if not there and not found[0].settling < np.inf:
-                more = self._rehearsals(settled, gain_rules)
+                more = self._trial_runs(settled, gain_rules)
                 found = tuple(sorted((*found, *more), key=lambda c: c.rank))
                 if not found[0].settling < np.inf:
-                    best, there = self._from_strays(settled, found)
+                    best, there = self._from_other_equilibria(settled, found)
         return (best, there) if there else (settled, found)
 
-    def _rehearsals(
+    def _trial_runs(
         self,
         settled: SettledPoint,
         gain_rules: Callable[[PreconditionerKind], tuple[GainRule, ...]],
         patience: Patience = PATIENT,
     ) -> list[Candidate]:
         """Run trials of closed-form networks of all useful kinds."""
-        rehearsals = []
+        trial_runs = []
         for kind in (kind for kind in self._useful() if not kind.is_stiffness):
             for gain_rule in gain_rules(kind):
                 candidate = candidate_of(settled, gain_rule, self.first.penalty_factor)
@@ -226,8 +226,8 @@ class Choice:
                     tried = with_trial_run(
                         settled, candidate, progress=self.progress, patience=patience
                     )
-                    rehearsals.append(tried)
-        return rehearsals
+                    trial_runs.append(tried)
+        return trial_runs
 
     def _preset(
         self,
@@ -246,38 +246,40 @@ class Choice:
         for words, there in places_of(settled):
             if names and words not in names:
                 continue
-            again = self._rehearsed(there, anew(found), patience)
+            again = self._tried_out(there, anew(found), patience)
             if again[0].settling < np.inf:
                 return there, again, words
         return settled, found, ""
 
-    def _from_strays(
+    def _from_other_equilibria(
         self, settled: SettledPoint, found: tuple[Candidate, ...]
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
         """Return the other equilibrium at which a network settles fastest, if any."""
         seen: list[SettledPoint] = []
         best, settles = settled, ()
-        for astray in found:
-            other = self._stray_of(settled, astray)
+        for other_equilibrium in found:
+            other = self._other_equilibrium_of(settled, other_equilibrium)
             if other is None or any(distance(o, other.state) < ELSEWHERE for o in seen):
                 continue
             seen.append(other)
-            own = at_another(other, astray)
+            own = at_another(other, other_equilibrium)
             if np.isfinite(own.ratio):
                 own = with_trial_run(other, own, progress=self.progress)
             there = tuple(sorted((*self._at_another(other), own), key=lambda c: c.rank))
             if there[0].rank < (settles[0].rank if settles else (np.inf, 0.0)):
                 best, settles = other, there
-            if len(seen) == STRAYS:
+            if len(seen) == OTHER_EQUILIBRIA:
                 break
         return best, settles
 
-    def _stray_of(self, settled: SettledPoint, candidate: Candidate) -> SettledPoint | None:
+    def _other_equilibrium_of(
+        self, settled: SettledPoint, candidate: Candidate
+    ) -> SettledPoint | None:
         """Return the other equilibrium at which a candidate settled, or None."""
-        if candidate.stray is None:
+        if candidate.other_equilibrium is None:
             return None
         try:
-            state = equilibrium(settled.network, candidate.stray)
+            state = equilibrium(settled.network, candidate.other_equilibrium)
         except NetworkError:
             return None
         return SettledPoint(settled.linear.at(state), state)
@@ -329,7 +331,10 @@ class Choice:
 
 def anew(candidates: Iterable[Candidate]) -> list[Candidate]:
     """Return candidates without their trial results."""
-    return [replace(candidate, settling=float("nan"), stray=None) for candidate in candidates]
+    return [
+        replace(candidate, settling=float("nan"), other_equilibrium=None)
+        for candidate in candidates
+    ]
 
 
 def stiffer(kind: PreconditionerKind) -> tuple[GainRule, ...]:
@@ -410,7 +415,7 @@ class FoundChoice(Choice):
         if grids:
             best = self._from_afar(settled, grids, LONGER)
         else:
-            seen = (*seen, *self._rehearsals(settled, stiffer, HASTY))
+            seen = (*seen, *self._trial_runs(settled, stiffer, HASTY))
             best = settled, tuple(sorted(seen, key=lambda candidate: candidate.rank)), ""
         return best if best[1][0].settling < np.inf else self._from_path(settled, seen)
 
@@ -419,7 +424,7 @@ class FoundChoice(Choice):
         for words, there in places_of(settled):
             if words not in COARSE:
                 grids = self._of(there, *_GRIDS)
-                again = self._rehearsed(there, (*grids, *anew(seen)))
+                again = self._tried_out(there, (*grids, *anew(seen)))
                 if again[0].settling < np.inf:
                     return there, again, words
         return settled, seen, ""
@@ -441,12 +446,12 @@ class FoundChoice(Choice):
         self, settled: SettledPoint, new: tuple[Candidate, ...], patience: Patience = HASTY
     ) -> Frozen:
         """Return candidates from the initial guess, or from presets if none settles."""
-        found = self._rehearsed(settled, new, patience)
-        for astray in found if not found[0].settling < np.inf else ():
-            other = self._stray_of(settled, astray)
+        found = self._tried_out(settled, new, patience)
+        for other_equilibrium in found if not found[0].settling < np.inf else ():
+            other = self._other_equilibrium_of(settled, other_equilibrium)
             if other is not None and not self._is_dearer(other, settled):
                 there = [at_another(other, candidate) for candidate in found]
-                again = self._rehearsed(other, there, patience)
+                again = self._tried_out(other, there, patience)
                 if again[0].settling < np.inf:
                     return other, again, ""
         best = settled, found, ""

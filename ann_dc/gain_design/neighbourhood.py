@@ -33,11 +33,13 @@ class Neighbourhood:
     inputs: tuple[tuple[float, int], ...]
 
     def __str__(self) -> str:
-        told = []
+        reported = []
         for what, found in (("starts", self.starts), ("initial states", self.inputs)):
             counts = " and ".join(f"{n} of {SAMPLES} at {share:.0%}" for share, n in found)
-            told += [f"{what} off by a share of the path's range: {counts} settle"] if found else []
-        return "; ".join(told)
+            reported += (
+                [f"{what} off by a share of the path's range: {counts} settle"] if found else []
+            )
+        return "; ".join(reported)
 
 
 @checked

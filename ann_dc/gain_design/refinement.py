@@ -258,8 +258,8 @@ class _Search:
     def __init__(self, around: Variation, began: float, seconds: float, progress: Progress) -> None:
         self.around, self.tell = around, Paced(progress)
         self.best = np.zeros(around.share.shape[1])
-        self.told = around.flow.slowness(around.gains, around.objective)
-        self.floor = FLOOR / self.told
+        self.reported = around.flow.slowness(around.gains, around.objective)
+        self.floor = FLOOR / self.reported
         most = 1 + max(copies for _, copies, _ in STAGES)
         errors = ERROR * np.random.default_rng(0).standard_normal((most, len(around.gains)))
         errors[0] = 0.0  # the network as designed
@@ -296,7 +296,7 @@ class _Search:
             )
         average = float(np.mean([np.log(one.slowness) for one in found]))
         if average < self.smallest:
-            self.best, self.smallest, self.told = x.copy(), average, found[0].slowness
-        self.tell(lambda: f"refine: {around.objective.unit} {self.told:.3g}")
+            self.best, self.smallest, self.reported = x.copy(), average, found[0].slowness
+        self.tell(lambda: f"refine: {around.objective.unit} {self.reported:.3g}")
         gradient = around.share.T @ np.mean([one.gradient for one in found], axis=0)
         return float(np.mean([one.value for one in found])), gradient

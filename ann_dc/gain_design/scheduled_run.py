@@ -254,7 +254,7 @@ class _Schedule:
         v, largest = self.direction * primal, 1.0
         for _ in range(12 if self.age == 0 else 4):
             v = v / np.linalg.norm(v)
-            v = trial.move(np.ascontiguousarray((jacobian @ v) * primal))
+            v = trial.derivative(np.ascontiguousarray((jacobian @ v) * primal))
             largest = float(np.linalg.norm(v))
         if not (np.isfinite(largest) and largest > 0):
             return 1.0

@@ -80,7 +80,7 @@ class Candidate:
     gains: Gains
     spectrum: Spectrum
     settling: float = float("nan")
-    stray: np.ndarray | None = None
+    other_equilibrium: np.ndarray | None = None
 
     @property
     def kind(self) -> PreconditionerKind:
@@ -341,7 +341,7 @@ def with_trial_run(
     if outcome != SETTLED:
         return replace(candidate, settling=np.inf)
     if distance(settled, x) > ELSEWHERE:
-        return replace(candidate, settling=np.inf, stray=x)
+        return replace(candidate, settling=np.inf, other_equilibrium=x)
     return replace(candidate, settling=elapsed + rest)
 
 
@@ -382,7 +382,7 @@ def run_with_constants(
     guard = trial.domain_guard(x)
     rails = trial.tape.limits[trial.tape.places[:, 0]]
     bounds = Bounds(slew=free, box=rails, guard=guard)
-    elapsed, steps, outcome, told = 0.0, 0, RAN, Paced(progress)
+    elapsed, steps, outcome, reported = 0.0, 0, RAN, Paced(progress)
     while outcome == RAN and elapsed < limit and steps < longest:
         if steps >= EARLY * longest and elapsed < STUCK * limit:
             break
@@ -390,7 +390,7 @@ def run_with_constants(
         step = pace.step / stiffer
         done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=tolerance)
         elapsed, steps = elapsed + done * step * pace.radius, steps + CHUNK
-        told(lambda: f"freeze: rehearsed {elapsed:.0f} fastest time constants")  # noqa: B023
+        reported(lambda: f"freeze: rehearsed {elapsed:.0f} fastest time constants")  # noqa: B023
     return elapsed, outcome
 
 

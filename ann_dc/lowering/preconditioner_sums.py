@@ -8,14 +8,14 @@ from ann_dc.evaluation.tape import Tape
 from ann_dc.lowering.program import SUM, ZERO, Listing
 from ann_dc.network.network import Network
 
-Moves = list[list[tuple[int, float]]]
+Derivatives = list[list[tuple[int, float]]]
 """Words and weights that move every neuron, before the factor h."""
 
 
 def add_pyramid(
-    moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
+    derivatives: Derivatives, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
 ) -> None:
-    """Add the contributions of the coarse levels to the moves; net inputs are ``drives`` (P, N)."""
+    """Add the coarse levels' contributions to the derivatives; ``drives`` (P, N) are net inputs."""
     below = _drives_below(tape, drives)
     levels = list(zip(tape.grid_starts[:-1].tolist(), tape.grid_starts[1:].tolist()))
     names = [chain[0] for chain in network.cell.chains]
@@ -32,8 +32,8 @@ def add_pyramid(
         left, share = int(tape.hats[p]), float(tape.shares[p])
         index = network.state_index[tape.chains[j, p & 1], p >> 1]
         if index >= 0:
-            moves[index].append((int(rates[left, j]), 1.0 - share))
-            moves[index].append((int(rates[left + 1, j]), share))
+            derivatives[index].append((int(rates[left, j]), 1.0 - share))
+            derivatives[index].append((int(rates[left + 1, j]), share))
 
 
 def _drives_below(tape: Tape, drives: np.ndarray) -> np.ndarray:

@@ -12,27 +12,27 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.evaluation.tape import Tape
-from ann_dc.lowering.preconditioner_sums import Moves
+from ann_dc.lowering.preconditioner_sums import Derivatives
 from ann_dc.lowering.program import SUM, ZERO, Listing
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.elimination import eliminate
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
-StiffnessSolve: TypeAlias = Callable[[Moves, Network, Tape, Listing, np.ndarray], None]
-"""Function that replaces the moves of coupled neurons by a solve with the stiffness, if any."""
+StiffnessSolve: TypeAlias = Callable[[Derivatives, Network, Tape, Listing, np.ndarray], None]
+"""Function that computes the derivatives of coupled neurons by a solve with the stiffness."""
 
 
 def substitution(
-    moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
+    derivatives: Derivatives, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
 ) -> None:
-    """Replace the moves by z: K y = d is solved forward and K' z = y backward.
+    """Replace the derivatives by z: K y = d is solved forward and K' z = y backward.
 
     The number of sequential sums is proportional to the horizon; net inputs are ``drives`` (P, N).
     """
     count, neurons = len(tape.coupled) - 1, network.cell.neurons
     rows = {
         (half, p): listing.row(f"{half} of {neurons[p].name}")
-        for half in ("elimination", "move")
+        for half in ("elimination", "derivative")
         for p in np.unique(tape.coupled[:-1, 0]).tolist()
     }
     y, z = [ZERO] * count, [ZERO] * count
@@ -50,15 +50,15 @@ def substitution(
     for i in reversed(range(count)):
         neuron, stage, _ = tape.coupled[i].tolist()
         edges = [(z[later], -value * inverse[i]) for later, value in back[i]]
-        z[i] = listing.word(rows["move", neuron])
+        z[i] = listing.word(rows["derivative", neuron])
         listing.sum(SUM, z[i], [*edges, (y[i], inverse[i])])
-        moves[int(network.state_index[neuron, stage])] = [(z[i], 1.0)]
+        derivatives[int(network.state_index[neuron, stage])] = [(z[i], 1.0)]
 
 
 def reduction(
-    moves: Moves, network: Network, _: Tape, listing: Listing, drives: np.ndarray
+    derivatives: Derivatives, network: Network, _: Tape, listing: Listing, drives: np.ndarray
 ) -> None:
-    """Replace the moves by T^{1/2} S^{-1} T^{1/2} d, with S^{-1} by odd-even reduction.
+    """Replace the derivatives by T^{1/2} S^{-1} T^{1/2} d, with S^{-1} by odd-even reduction.
 
     The number of sequential sums is proportional to the logarithm of the horizon.
     """
@@ -87,7 +87,7 @@ def reduction(
         words = sums.add(f"move {depth} of", component, (own, left, right))
         answers = _interleaved(words, answers)
     for index, word in zip(solve.component[live].tolist(), answers[live].tolist()):
-        moves[index] = [(word, float(roots[index]))]
+        derivatives[index] = [(word, float(roots[index]))]
 
 
 Term: TypeAlias = tuple[np.ndarray, np.ndarray, int]

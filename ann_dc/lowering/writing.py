@@ -33,7 +33,7 @@ def program_of(network: Network, step: float, solve: StiffnessSolve = substituti
     A stiffness between neighbours is solved by ``solve``. Raises `ExportError` if the
     preconditioner couples neurons that have saturation limits.
     """
-    check_rails(network, "integers")
+    check_limits(network, "integers")
     writer = _Writer(network)
     writer.blocks()
     writer.drives()
@@ -41,7 +41,7 @@ def program_of(network: Network, step: float, solve: StiffnessSolve = substituti
     return writer.finished()
 
 
-def check_rails(network: Network, parts: str) -> None:
+def check_limits(network: Network, parts: str) -> None:
     """Raise `ExportError` if the preconditioner couples neurons that have limits.
 
     Derivatives at saturation limits are a projection in the norm of M^{-1}. The saturated neurons
@@ -122,13 +122,13 @@ class _Writer:
     def updates(self, step: float, solve: StiffnessSolve) -> None:
         """Append the updates of all neurons by h times their derivatives."""
         rates, parts = self.tape.rates, (self.network, self.tape, self.listing, self.drive_words)
-        moves = [
+        derivatives = [
             [(int(self.drive_words[p, k]), float(rates[p, k]))] for p, k in self.network.places
         ]
         if len(self.tape.chains):
-            add_pyramid(moves, *parts)
-        solve(moves, *parts)
-        for place, edges in enumerate(moves):
+            add_pyramid(derivatives, *parts)
+        solve(derivatives, *parts)
+        for place, edges in enumerate(derivatives):
             scaled = [(word, step * weight) for word, weight in edges]
             self.listing.sum(UPDATE, place, scaled, place)
 

@@ -45,7 +45,7 @@ class ClosedLoopRun:
         True if the robot reached the goal in time.
     shielded : (K,) booleans
         Periods in which the shield replaced the plan.
-    residuals, spent, pressed : (K,) arrays
+    residuals, spent, relative_multiplier : (K,) arrays
         Residual, network time in fastest time constants, and relative obstacle multiplier of every
         plan; see `Plan`.
     plans : tuple of (n, ...) arrays
@@ -61,7 +61,7 @@ class ClosedLoopRun:
     shielded: np.ndarray
     residuals: np.ndarray
     spent: np.ndarray
-    pressed: np.ndarray
+    relative_multiplier: np.ndarray
     plans: tuple[np.ndarray, ...]
 
     @property
@@ -194,6 +194,6 @@ class _Loop:
             shielded=np.array(shielded),
             residuals=np.array([plan.residual for plan in plans]),
             spent=np.array([plan.spent for plan in plans]),
-            pressed=np.array([plan.pressed for plan in plans]),
+            relative_multiplier=np.array([plan.relative_multiplier for plan in plans]),
             plans=tuple(plan.q for plan in plans),
         )

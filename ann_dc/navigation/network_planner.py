@@ -201,7 +201,7 @@ class NetworkDriver:
         self.batch = batch = self.planner.run(inputs, self.begun, budget)
         settled = self._offset + self._factor * self.network.unpack(batch.states)
         return {
-            situation.number: self._told(situation, batch, sample, settled[sample], budget)
+            situation.number: self._reported(situation, batch, sample, settled[sample], budget)
             for sample, situation in enumerate(situations)
         }
 
@@ -231,7 +231,7 @@ class NetworkDriver:
         starts = np.array([s.q for s in situations]).T
         return inputs | {f"q_0.{q}": v for q, v in zip(planning.robot.states, starts)}
 
-    def _told(
+    def _reported(
         self,
         situation: Situation,
         batch: BatchRun,
@@ -250,5 +250,5 @@ class NetworkDriver:
             u=np.zeros((len(self._u), values.shape[1])) if lost else values[self._u],
             residual=np.inf if lost else residual,
             spent=budget if np.isnan(time) else float(time),
-            pressed=float(values[self._rows].max()) / planning.soft.weight,
+            relative_multiplier=float(values[self._rows].max()) / planning.soft.weight,
         )

@@ -33,7 +33,7 @@ class Plan:
         Optimality residual of the plan; nan if the planner does not compute it.
     spent : float
         Run time of the network in fastest time constants.
-    pressed : float
+    relative_multiplier : float
         Largest multiplier of an obstacle constraint relative to its penalty weight; zero without
         contact.
     """
@@ -42,7 +42,7 @@ class Plan:
     u: np.ndarray
     residual: float = float("nan")
     spent: float = 0.0
-    pressed: float = 0.0
+    relative_multiplier: float = 0.0
 
 
 class Driver(Protocol):

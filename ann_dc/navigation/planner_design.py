@@ -192,7 +192,7 @@ class _Scout:
         plans, (low, high) = self.driver.plan(situations), HELD
         batch, begun = self.driver.batch, self.driver.begun
         for sample, plan in enumerate(plans if len(batch) == len(plans) else ()):
-            if low < plan.pressed < high:
+            if low < plan.relative_multiplier < high:
                 inputs = {name: values[sample] for name, values in batch.inputs.items()}
                 ended, calm = batch.states[sample], plan.residual < CALM
                 self.contacts.append(_Contact(inputs, begun[sample], ended, calm))

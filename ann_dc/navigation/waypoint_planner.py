@@ -22,7 +22,7 @@ from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import Robot
-from ann_dc.problem.robot_planning import leg_problem
+from ann_dc.problem.robot_planning import segment_problem
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import Count, Index, Positive, checked
 
@@ -97,14 +97,14 @@ def design_waypoint_planner(
     >>> from ann_dc.problem import car_robot
     >>> planner = design_waypoint_planner(car_robot(), stages=8)  # doctest: +SKIP
     """
-    problem = leg_problem(robot, stages=stages, reach=3.0)
+    problem = segment_problem(robot, stages=stages, reach=3.0)
 
-    def legs(draws: np.random.Generator, count: int) -> list[Sample]:
-        return [_leg_inputs(robot, stages, *_drawn(robot, draws)) for _ in range(count)]
+    def segments(draws: np.random.Generator, count: int) -> list[Sample]:
+        return [_segment_inputs(robot, stages, *_drawn(robot, draws)) for _ in range(count)]
 
     designed = design_family(
         problem,
-        legs,
+        segments,
         preconditioner=PreconditionerKind.MULTILEVEL,
         held_out=TRIED,
         seed=seed,
@@ -129,7 +129,7 @@ def _drawn(robot: Robot, draws: np.random.Generator) -> tuple[np.ndarray, np.nda
     return q, q[:2] + length * np.array([np.cos(heading), np.sin(heading)])
 
 
-def _leg_inputs(robot: Robot, stages: int, q: np.ndarray, place: np.ndarray) -> Sample:
+def _segment_inputs(robot: Robot, stages: int, q: np.ndarray, place: np.ndarray) -> Sample:
     names = [str(state) for state in robot.states]
     values = {f"q_0.{name}": value for name, value in zip(names, q)}
     values |= {f"q_d.{name}": value for name, value in zip(names, place)}
@@ -151,7 +151,7 @@ class WaypointDriver:
 
     def __init__(self, planner: WaypointPlanner) -> None:
         self.planner = planner
-        self._legs: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._segments: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._met: dict[int, set[int]] = {}
 
     def plan(self, situations: Sequence[Situation]) -> list[Plan]:
@@ -160,33 +160,33 @@ class WaypointDriver:
 
     def _plan(self, situation: Situation) -> Plan:
         number, goal = situation.number, situation.world.goal
-        if number not in self._legs:
+        if number not in self._segments:
             self._met[number] = set()
-            self._legs[number] = self._leg(situation.q, goal)
+            self._segments[number] = self._segment(situation.q, goal)
         obstacle = self._appears(situation)
         if obstacle is not None:
             self._met[number].add(obstacle)
             waypoint = self._waypoint(situation, obstacle)
             if self.planner.as_printed:
                 there = np.r_[waypoint, situation.q[2:]]
-                self._legs[number] = self._leg(there, goal)
+                self._segments[number] = self._segment(there, goal)
             else:
-                q, u = self._leg(situation.q, waypoint)
-                on = self._leg(q[:, -1], goal)
-                self._legs[number] = np.hstack([q, on[0][:, 1:]]), np.hstack([u, on[1]])
-        q, u = self._legs[number]
+                q, u = self._segment(situation.q, waypoint)
+                on = self._segment(q[:, -1], goal)
+                self._segments[number] = np.hstack([q, on[0][:, 1:]]), np.hstack([u, on[1]])
+        q, u = self._segments[number]
         if not u.shape[1]:
-            self._legs[number] = q, u = self._leg(situation.q, goal)
-        self._legs[number] = q[:, 1:], u[:, 1:]
+            self._segments[number] = q, u = self._segment(situation.q, goal)
+        self._segments[number] = q[:, 1:], u[:, 1:]
         return Plan(q=q, u=u)
 
-    def _leg(self, q: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _segment(self, q: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return states and controls of a leg, one per control period.
 
         A robot at its destination does not move.
         """
         planner, network = self.planner, self.planner.network
-        inputs = _leg_inputs(planner.robot, network.stages, q, place)
+        inputs = _segment_inputs(planner.robot, network.stages, q, place)
         batch = OdeBackend(verify=False, settling=Settling(tolerance=1e-4)).run_batch(
             network, {name: value[None] for name, value in inputs.items()}
         )
@@ -199,7 +199,7 @@ class WaypointDriver:
     def _appears(self, situation: Situation) -> int | None:
         """Return a visible, not yet met obstacle that is too close to the plan, or None."""
         world, planner = situation.world, self.planner
-        ahead = self._legs[situation.number][0][:2, : int(SEEN_AHEAD / planner.dt)].T
+        ahead = self._segments[situation.number][0][:2, : int(SEEN_AHEAD / planner.dt)].T
         for number in world.sensed(situation.q[:2], situation.time):
             if number in self._met[situation.number] or not len(ahead):
                 continue

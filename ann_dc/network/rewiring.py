@@ -182,9 +182,11 @@ def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
         name in (getattr(b, field, "") for field in ("a", "b", "x")) for b in network.cell.blocks
     ):
         return network
-    louder = fresh(network, "gain", name)
-    network = _with_block(network, Sum(name=louder), after=name)
-    return with_wires(_blocks_reading(network, louder, name), [wire(name, louder, gain)])
+    raise_full_scale = fresh(network, "gain", name)
+    network = _with_block(network, Sum(name=raise_full_scale), after=name)
+    return with_wires(
+        _blocks_reading(network, raise_full_scale, name), [wire(name, raise_full_scale, gain)]
+    )
 
 
 def _read(gain: np.ndarray, template: int) -> np.ndarray:

@@ -188,10 +188,10 @@ def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution
     factors = np.minimum(natural, widths(problem.bounds, both) / 2)
     named = tuple(own._replace(factor=float(f)) for own, f in zip(named, factors))
     with np.errstate(all="ignore"):
-        told = problem.functions.derivatives(q[:, :-1], u, np.zeros((n, u.shape[1])))
+        reported = problem.functions.derivatives(q[:, :-1], u, np.zeros((n, u.shape[1])))
         end = np.abs(problem.functions.terminal(q[:, -1])[1] * factors[:n]).max()
-        slope = max(end, np.abs(told.gradient * factors[:, None]).max())
-        bent = np.abs(np.einsum("iik->ik", told.hessian)[n:]).max(axis=-1) * factors[n:] ** 2
+        slope = max(end, np.abs(reported.gradient * factors[:, None]).max())
+        bent = np.abs(np.einsum("iik->ik", reported.hessian)[n:]).max(axis=-1) * factors[n:] ** 2
     found = max(bent.max(), slope / LARGEST_SLOPE)
     cost = float(found) if np.isfinite(found) and found > 0.0 else scales.cost
     return Frame.in_scales(

@@ -87,7 +87,7 @@ class _Descent:
 
     def run(self) -> Unbounded | None:
         if control := self._last_control():
-            return self._told(control)
+            return self._reported(control)
         failures = 0
         for _ in range(STEPS):
             self.progress(f"prospects: cost {self.cost:.3g} on its way down")
@@ -101,7 +101,7 @@ class _Descent:
             if failures == len(PUSHES):
                 return None
             if self.cost < self.bottom:
-                return self._told(self._largest())
+                return self._reported(self._largest())
         return None
 
     def _last_control(self) -> str:
@@ -194,7 +194,7 @@ class _Descent:
         held = np.isfinite(widths(problem.bounds, (*problem.states, *problem.controls)))
         return names[int(np.argmax(np.where(held, 0.0, sizes)))]
 
-    def _told(self, largest: str) -> Unbounded:
+    def _reported(self, largest: str) -> Unbounded:
         problem = self.problem
         unit = f" {problem.cost_unit}" if problem.cost_unit else ""
         message = (

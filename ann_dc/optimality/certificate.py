@@ -138,7 +138,7 @@ class Certificate:
                 f"objective              {self.objective:.10g}",
                 f"constraint residual    {self.constraint_residual:.2e}",
                 f"stationarity residual  {self.stationarity_residual:.2e}",
-                *(str(told) for told in told_of if told is not None),
+                *(str(reported) for reported in told_of if reported is not None),
                 f"second order           {self.verdict}",
                 f"Newton step            {self.newton_step:.2e}",
                 f"roll-out error         {self.rollout_error:.2e}",

@@ -70,14 +70,14 @@ class Complementarity:
     @property
     def reason(self) -> str:
         """Description of the first condition that fails; empty if all hold."""
-        told = {
+        reported = {
             f"an inequality is violated by {self.violation:.1e} of a range": self.violation,
             f"a multiplier has the wrong sign by {self.wrong_sign:.1e} of the largest one":
                 self.wrong_sign,
             f"a multiplier of an inequality that does not touch gives {self.product:.1e}":
                 self.product,
         }  # fmt: skip
-        wrong = [words for words, value in told.items() if not value < LARGEST_MISS]
+        wrong = [words for words, value in reported.items() if not value < LARGEST_MISS]
         return f"{wrong[0]}, which is not below {LARGEST_MISS:g}" if wrong else ""
 
     def __str__(self) -> str:
@@ -171,13 +171,15 @@ class Largest:
     @property
     def counts(self) -> str:
         """Objectives with their shares, as text."""
-        told = zip(self.names, self.values, self.shares)
-        return ", ".join(f"{name} {value:.6g} (share {share:.4f})" for name, value, share in told)
+        reported = zip(self.names, self.values, self.shares)
+        return ", ".join(
+            f"{name} {value:.6g} (share {share:.4f})" for name, value, share in reported
+        )
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """Return value and `share` of every objective as plain data for JSON."""
-        told = zip(self.names, self.values.tolist(), self.shares.tolist())
-        return {name: {"value": value, "share": share} for name, value, share in told}
+        reported = zip(self.names, self.values.tolist(), self.shares.tolist())
+        return {name: {"value": value, "share": share} for name, value, share in reported}
 
     def __str__(self) -> str:
         return f"objectives             {self.counts}"

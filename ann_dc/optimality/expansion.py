@@ -156,7 +156,7 @@ class Expansion:
         frame, n = frame or Frame.of(problem), len(q)
         of_state = frame.of_slope[:n]
         with np.errstate(all="ignore"):
-            told = problem.functions_with(shares).derivatives(q[:, :-1], u, mu)
+            reported = problem.functions_with(shares).derivatives(q[:, :-1], u, mu)
             end, end_slope, end_hessian = problem.functions.terminal(q[:, -1])
             return cls(
                 fixed_start=frame.fixed_start,
@@ -166,14 +166,14 @@ class Expansion:
                 cost=frame.cost,
                 q=(q.T - frame.zero[:n]) / frame.state,
                 u=(u.T - frame.zero[n:]) / frame.control,
-                jacobian=_by_stage(told.jacobian, frame.of_jacobian),
-                hessian=_by_stage(told.hessian, frame.of_hessian),
-                slope=told.gradient.T * frame.of_slope,
+                jacobian=_by_stage(reported.jacobian, frame.of_jacobian),
+                hessian=_by_stage(reported.hessian, frame.of_hessian),
+                slope=reported.gradient.T * frame.of_slope,
                 end_hessian=end_hessian * frame.of_hessian[:n, :n],
                 end_slope=end_slope * of_state,
                 mu=mu.T * of_state,
-                map=told.map,
-                objective=float(told.cost.sum() + end),
+                map=reported.map,
+                objective=float(reported.cost.sum() + end),
             )
 
     def _in_contact(

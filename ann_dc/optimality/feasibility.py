@@ -154,15 +154,15 @@ def out_of_reach(
     if not worst:
         return None
     factors = natural_scales(problem).state_factors
-    reached, told = {}, []
+    reached, reported = {}, []
     for i in worst:
         name, aim = str(problem.states[i]), float(path.q[i, -1])
         unit = _unit(problem, name)
         reached[f"q_d.{name}"] = float(aim + miss[i] * factors[i])
-        told.append(f"q_d.{name} = {aim:g}{unit} (nearest {reached[f'q_d.{name}']:.4g}{unit})")
+        reported.append(f"q_d.{name} = {aim:g}{unit} (nearest {reached[f'q_d.{name}']:.4g}{unit})")
     limits = _limits(problem, path)
     message = (
-        f"no controls{limits} reach {', '.join(told)}; {'widen the limits, ' if limits else ''}"
+        f"no controls{limits} reach {', '.join(reported)}; {'widen the limits, ' if limits else ''}"
         "change the target, free the component, or check that the controls act on it"
     )
     return Infeasible(reached=reached, exceeded={}, path=path, message=message)
@@ -190,13 +190,13 @@ def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
     rows = [row for row in rows if row.distance > OUT_OF_REACH]
     if not rows:
         return None
-    told = []
+    reported = []
     for row in rows:
         where = f"at stage {row.stage}" if row.stage < problem.horizon else "at the end"
         amount = f"{row.excess:.3g}{_unit_of(problem, row.inequality)}"
-        told.append(f"{_words(row.inequality)} is exceeded by {amount} {where}")
+        reported.append(f"{_words(row.inequality)} is exceeded by {amount} {where}")
     message = (
-        f"no controls{_limits(problem, path)} keep all inequalities: {', '.join(told)}; loosen "
+        f"no controls{_limits(problem, path)} keep all inequalities: {', '.join(reported)}; loosen "
         "what is exceeded or make it soft, change an end, or give more stages"
     )
     exceeded = {row.inequality.name: row.excess for row in rows}
@@ -205,15 +205,17 @@ def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
 
 def _limits(problem: OptimalControlProblem, path: Path) -> str:
     """Return the active control limits of a path, as text."""
-    told = []
+    reported = []
     for control, (low, high), values in zip(problem.controls, problem.control_limits, path.u):
         if np.isin(values, (low, high)).any():
             sides = [
                 f"from {low:g}" if low > -np.inf else "",
                 f"to {high:g}" if high < np.inf else "",
             ]
-            told.append(f"{control} {' '.join(filter(None, sides))}{_unit(problem, str(control))}")
-    return f" within {', '.join(told)}" if told else ""
+            reported.append(
+                f"{control} {' '.join(filter(None, sides))}{_unit(problem, str(control))}"
+            )
+    return f" within {', '.join(reported)}" if reported else ""
 
 
 def _words(row: Inequality) -> str:

@@ -83,7 +83,7 @@ class SoftRows:
         )
 
     @property
-    def told(self) -> str:
+    def reported(self) -> str:
         """Numbers of exceeded constraints and the largest violation, as text."""
         if not self.worst:
             return "all kept"
@@ -95,7 +95,7 @@ class SoftRows:
         )
 
     def __str__(self) -> str:
-        return f"soft rows              {self.told}"
+        return f"soft rows              {self.reported}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

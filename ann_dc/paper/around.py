@@ -27,7 +27,7 @@ SIGHT = 0.6
 """Detection distance of an obstacle in m, smaller than the node spacing of T_0."""
 RADIUS = 0.25
 """Radius of the obstacles, in m."""
-LEG = 3
+SEGMENT = 3
 """Stages of the segment to q_obs + delta."""
 CHECKED = 0.0, 1 / 3, 2 / 3
 """Constrained points between two nodes, as fractions of the distance."""
@@ -48,14 +48,14 @@ class Around:
     """Three variants of the path around the obstacles of a case.
 
     `printed` is IV.C as printed, without plans between the pieces. `drive` is IV.C with the
-    segments that `legs` plan, a path that can be driven. `discs` is the run of one network with the
-    obstacles as constraints.
+    segments that `segments` plan, a path that can be driven. `discs` is the run of one network with
+    the obstacles as constraints.
     """
 
     plans: Plans
     printed: list[Piece]
     drive: Piece
-    legs: list[Solution]
+    segments: list[Solution]
     discs: Solution
 
     @property
@@ -88,18 +88,18 @@ class Around:
 def around(plans: Plans, problem: OptimalControlProblem, progress: Progress = silent) -> Around:
     """Plan a case in the three variants; the first two states are x and y."""
     printed = driven(plans)
-    short, legs = problem.with_horizon(LEG), []
+    short, segments = problem.with_horizon(SEGMENT), []
     for before, after in pairwise(printed):
-        progress(f"{plans.case.name}: leg {len(legs) + 1}")
+        progress(f"{plans.case.name}: leg {len(segments) + 1}")
         ends = (before.q[:, -1], after.q[:, 0])
         q_0, q_d = (tuple(end.tolist()) for end in ends)
-        legs.append(solve(short.with_inputs(q_0=q_0, q_d=q_d)))
+        segments.append(solve(short.with_inputs(q_0=q_0, q_d=q_d)))
     progress(f"{plans.case.name}: discs as constraints")
     return Around(
         plans=plans,
         printed=printed,
-        drive=_joined(printed, [whole(leg) for leg in legs]),
-        legs=legs,
+        drive=_joined(printed, [whole(segment) for segment in segments]),
+        segments=segments,
         discs=solve(with_discs(problem, obstacles(plans))),
     )
 
@@ -121,9 +121,9 @@ def whole(solution: Solution) -> Piece:
     return Piece(*(np.stack([solution[str(s)] for s in of]) for of in (states, controls)))
 
 
-def _joined(pieces: list[Piece], legs: list[Piece]) -> Piece:
+def _joined(pieces: list[Piece], segments: list[Piece]) -> Piece:
     """Return one path of the pieces with the segments between them."""
-    parts = [part for pair in zip(pieces, legs) for part in pair] + [pieces[-1]]
+    parts = [part for pair in zip(pieces, segments) for part in pair] + [pieces[-1]]
     q = np.hstack([part.q[:, :-1] for part in parts] + [parts[-1].q[:, -1:]])
     return Piece(q, np.hstack([part.u for part in parts]))
 

@@ -1,5 +1,5 @@
 from . import style as style, worlds as worlds
-from .circuits import circuit as circuit, ladder as ladder
+from .circuits import circuit as circuit, comparison as comparison
 from .designs import diagnosis as diagnosis, family as family, front as front
 from .solutions import (
     controls as controls,

@@ -64,8 +64,8 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
 def _share(probe: Trajectory) -> str:
     """Return the size of the controls as a wrapped label."""
     size = probe.size_in_words
-    told = "the largest" if size == "the largest one" else size
-    return fill(f"(share of {told})", 36)
+    reported = "the largest" if size == "the largest one" else size
+    return fill(f"(share of {reported})", 36)
 
 
 def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:
@@ -95,7 +95,9 @@ def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:
 
 
 @checked
-def ladder(done: Annotated[list[Measured], NotEmpty()], problem: OptimalControlProblem) -> Figure:
+def comparison(
+    done: Annotated[list[Measured], NotEmpty()], problem: OptimalControlProblem
+) -> Figure:
     """Plot the predicted and measured error and settling time of every model level.
 
     Measurements are made with ngspice.

@@ -122,7 +122,7 @@ def _room(axes: Axes, journey: ClosedLoopRun) -> None:
 
 
 def _pressed(axes: Axes, journey: ClosedLoopRun) -> None:
-    axes.plot(_time(journey), journey.pressed, color=ORANGE)
+    axes.plot(_time(journey), journey.relative_multiplier, color=ORANGE)
     axes.set(ylabel="largest multiplier\n(fraction of penalty weight)", ylim=(-0.05, 1.05))
 
 

@@ -151,8 +151,8 @@ def bounds_assumed(
         given = found.get(symbol.name, (low, high))
         if given[0] < low or given[1] > high:
             raise ProblemError(
-                f"bounds[{symbol}]: {given[0]:g} to {given[1]:g} contradicts {_told(symbol)}; give "
-                f"bounds on one side of zero, or declare it as sp.Symbol({symbol.name!r})"
+                f"bounds[{symbol}]: {given[0]:g} to {given[1]:g} contradicts {_reported(symbol)}; "
+                f"give bounds on one side of zero, or declare it as sp.Symbol({symbol.name!r})"
             )
         if given != NO_BOUND:
             found[symbol.name] = given
@@ -168,7 +168,7 @@ def check_inputs(inputs: Iterable[sp.Symbol]) -> None:
         if _range(symbol) != NO_BOUND:
             raise ProblemError(
                 f"inputs[{symbol}]: expected a symbol that may have either sign, got "
-                f"{_told(symbol)}, which a network does not keep; declare it as "
+                f"{_reported(symbol)}, which a network does not keep; declare it as "
                 f"sp.Symbol({symbol.name!r})"
             )
 
@@ -186,13 +186,13 @@ def _range(symbol: sp.Symbol) -> tuple[float, float]:
     if not is_kept or signed.is_zero or (signed.is_nonzero and (low, high) == NO_BOUND):
         raise ProblemError(
             f"{symbol}: expected a real number that varies continuously, got a symbol with "
-            f"{_told(symbol)}, which a network does not keep; declare it as "
+            f"{_reported(symbol)}, which a network does not keep; declare it as "
             f"sp.Symbol({symbol.name!r})"
         )
     return low, high
 
 
-def _told(symbol: sp.Symbol) -> str:
+def _reported(symbol: sp.Symbol) -> str:
     """Return the assumptions that the user gave, without those implied by others."""
     facts = {f: v for f, v in symbol.assumptions0.items() if REAL.get(f) != v}
     for fact, value in sorted(facts.items(), key=lambda item: (not item[1], len(item[0]))):

@@ -447,7 +447,7 @@ class OptimalControlProblem(Record):
 
     def __str__(self) -> str:
         own = self.states[: self.n - len(self.handed_on)]
-        told = {
+        reported = {
             "free at the start": [s for s, f in zip(own, self.fixed_start) if not f],
             "free at the end": [s for s, f in zip(own, self.fixed) if not f],
             "constraints": self.constraints,
@@ -460,5 +460,5 @@ class OptimalControlProblem(Record):
             f"{self.name}: {counted(self.n, 'states')} ({', '.join(map(str, self.states))}), "
             f"{counted(self.m, 'controls')} ({', '.join(map(str, self.controls))}), "
             f"{counted(self.horizon, 'stages')} of {self.interval}"
-            + "".join(f", {words}: {', '.join(map(str, s))}" for words, s in told.items() if s)
+            + "".join(f", {words}: {', '.join(map(str, s))}" for words, s in reported.items() if s)
         )

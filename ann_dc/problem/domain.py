@@ -29,8 +29,10 @@ def terms(problem: Any, q: np.ndarray, u: np.ndarray) -> list[tuple[str, Any, np
         ("the map f", problem.f, (functions.map(q, u), *functions.map_jacobian(q, u))),
         ("the cost", (problem.l,), (functions.cost(q, u), *functions.cost_gradient(q, u))),
     ]
-    parts += [(f"the inequality {r.name}", (r.expression,), told) for r, *told in rows]
-    return [(name, expressions, _finite(told, u.shape[1])) for name, expressions, told in parts]
+    parts += [(f"the inequality {r.name}", (r.expression,), reported) for r, *reported in rows]
+    return [
+        (name, expressions, _finite(reported, u.shape[1])) for name, expressions, reported in parts
+    ]
 
 
 def _finite(parts: Iterable[np.ndarray], stages: int) -> np.ndarray:
@@ -99,7 +101,7 @@ def culprit(expressions: Iterable[Any], values: dict[Any, float]) -> str:
             argument = sp.Dummy("argument")
             outer = atom.func(argument, *atom.args[1:])
             at = atom.args[0].subs(values)
-            told = (outer.subs(argument, at), outer.diff(argument).subs(argument, at))
-            if not all(value.is_finite for value in told):
+            reported = (outer.subs(argument, at), outer.diff(argument).subs(argument, at))
+            if not all(value.is_finite for value in reported):
                 return str(atom)
     return ""

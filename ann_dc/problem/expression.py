@@ -72,10 +72,10 @@ def _checked_text(text: str, where: str) -> str:
     source = " ".join(text.split())
     if not source:
         raise ExpressionError(f"{where}: the text is empty; write an expression, or 0")
-    stray = re.search(r"[^A-Za-z0-9_.,()+*/ -]", source)
-    if stray:
+    odd = re.search(r"[^A-Za-z0-9_.,()+*/ -]", source)
+    if odd:
         raise ExpressionError(
-            f"{where}: {stray.group()!r} in {_short(source)!r} is not allowed; an expression has "
+            f"{where}: {odd.group()!r} in {_short(source)!r} is not allowed; an expression has "
             "letters, digits, parentheses and + - * / ** (a power is written x**2)"
         )
     if _parenthesis_depth(source) > MAX_PARENTHESES:

@@ -174,9 +174,9 @@ class ProblemFunctions:
         inputs and return a list. ``modules`` is that of `sympy.lambdify`.
         """
         own = self._compiled
-        told = own.f, [own.l], [own.l_N], own.g, own.g_N
+        reported = own.f, [own.l], [own.l_N], own.g, own.g_N
         return tuple(
-            sp.lambdify(own.arguments, part, modules=modules, use_imps=False) for part in told
+            sp.lambdify(own.arguments, part, modules=modules, use_imps=False) for part in reported
         )
 
 
@@ -188,8 +188,8 @@ class _Table:
         self.places = [place for place, entry in enumerate(entries) if not entry.is_number]
         constant = [_number(entry) if entry.is_number else math.nan for entry in entries]
         self.constant = np.array(constant, float)
-        told = [entries[place] for place in self.places]
-        self.function = sp.lambdify(arguments, told, modules="numpy", cse=True)
+        reported = [entries[place] for place in self.places]
+        self.function = sp.lambdify(arguments, reported, modules="numpy", cse=True)
 
     def filled(self, given: Sequence[Any], stages: int) -> np.ndarray:
         """Return values (entries, stages) for arguments that are numbers or (stages,)."""

@@ -222,7 +222,7 @@ def _scales(robot: Robot, reach: float) -> dict[str, float]:
     return dict(zip(map(str, symbols), sizes.tolist()))
 
 
-def leg_problem(robot: Robot, *, stages: int, reach: float) -> OptimalControlProblem:
+def segment_problem(robot: Robot, *, stages: int, reach: float) -> OptimalControlProblem:
     """Return the minimum-effort problem of a segment: from a state to a position.
 
     The input ``h`` is the duration of a stage in seconds; ``reach`` is the length of the segment.

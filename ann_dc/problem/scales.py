@@ -117,9 +117,9 @@ def _at_start(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     size = np.sqrt(np.maximum(V.diagonal(), 0.0))
     size = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh(size[:, None] * V * size)
-    told = values > FLAT
-    root = size[:, None] * vectors[:, told] / np.sqrt(values[told])
-    return root @ root.T, (np.abs(vectors[:, ~told]) > np.sqrt(FLAT)).any(axis=1)
+    reported = values > FLAT
+    root = size[:, None] * vectors[:, reported] / np.sqrt(values[reported])
+    return root @ root.T, (np.abs(vectors[:, ~reported]) > np.sqrt(FLAT)).any(axis=1)
 
 
 def _reached(F: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -320,8 +320,14 @@ class _Path:
         if not (R > 0).any():
             R = self._price_of_states()
         known = R > 0
-        told = known & (effect > 0)
-        share = np.median(R[told] / effect[told]) if told.any() else 0.0 if known.any() else 1.0
+        reported = known & (effect > 0)
+        share = (
+            np.median(R[reported] / effect[reported])
+            if reported.any()
+            else 0.0
+            if known.any()
+            else 1.0
+        )
         guess = effect * share
         return np.where(known, R, np.where(guess > 0, guess, np.inf))
 

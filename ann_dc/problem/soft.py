@@ -88,9 +88,9 @@ class Soft:
         return bent**2 / (2.0 * self.compliance) + straight
 
     def __str__(self) -> str:
-        told = [f"{self.weight:g} a unit"] if self.weight < math.inf else []
-        told += [f"compliance {self.compliance:g}"] if self.compliance else []
-        return f"soft ({', '.join(told)})"
+        reported = [f"{self.weight:g} a unit"] if self.weight < math.inf else []
+        reported += [f"compliance {self.compliance:g}"] if self.compliance else []
+        return f"soft ({', '.join(reported)})"
 
 
 def soft_of(given: Any, rows: Collection[Any], limited: Collection[str]) -> dict[str, Soft]:

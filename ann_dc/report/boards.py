@@ -76,7 +76,7 @@ class CornerTable:
     @property
     def good(self) -> bool:
         """True if the circuit settles near the optimum at all operating conditions."""
-        return all(corner.near for corner in self.corners)
+        return all(corner.within_tolerance for corner in self.corners)
 
     def tables(self) -> list[Table]:
         """Return the tables to print."""
@@ -115,7 +115,11 @@ class CornerTable:
             return "no spread is known" + "; --yield draws circuits" * drawn
         if self.backend.seed is not None:
             return ""
-        wide = [c for c in self.corners if c.near and c.control_error + WIDE * c.spread > NEAR]
+        wide = [
+            c
+            for c in self.corners
+            if c.within_tolerance and c.control_error + WIDE * c.spread > NEAR
+        ]
         if not wide:
             return ""
         parts = parts_in_words(self.backend)
@@ -126,7 +130,12 @@ class CornerTable:
 
     def as_dict(self) -> dict:
         """Return the content of the JSON file."""
-        return {"corners": [asdict(corner) | {"near": corner.near} for corner in self.corners]}
+        return {
+            "corners": [
+                asdict(corner) | {"within_tolerance": corner.within_tolerance}
+                for corner in self.corners
+            ]
+        }
 
 
 def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str, str]:
@@ -134,16 +143,16 @@ def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str, str
     return (
         corner.conditions.temperature,
         corner.conditions.process,
-        _told(corner.control_error, "{:.2e}"),
+        _reported(corner.control_error, "{:.2e}"),
         _us(corner.settling_time),
         Text("yes" if corner.stable else "no", "green" if corner.stable else "red"),
         Text("yes" if corner.clipped else "no", "red" if corner.clipped else ""),
-        _told(corner.spread, "{:.2e}"),
-        _told(corner.noise, "{:.1e}"),
+        _reported(corner.spread, "{:.2e}"),
+        _reported(corner.noise, "{:.1e}"),
     )
 
 
-def _told(value: float, form: str) -> str:
+def _reported(value: float, form: str) -> str:
     """Format a number; return a dash if it is not finite."""
     return form.format(value) if math.isfinite(value) else "-"
 
@@ -184,9 +193,9 @@ class InterfaceTable:
             f"{_us(cost.solve_time)}"
         )
         rows["cold start"] = (
-            f"by emulation {cost.astray}; that parts clip on the way it does not know: preset the "
-            "integrators, or try it in ngspice"
-            if cost.astray
+            f"by emulation {cost.other_equilibrium}; that parts clip on the way it does not know: "
+            "preset the integrators, or try it in ngspice"
+            if cost.other_equilibrium
             else f"within 0.1 % after {_us(cost.cold_settling_time)}: reset switches that empty "
             "capacitors are enough, no source presets them"
             if math.isfinite(cost.cold_settling_time)
@@ -213,7 +222,7 @@ class InterfaceTable:
 
 
 def _us(seconds: float) -> str:
-    return _told(seconds * 1e6, "{:.4g} us")
+    return _reported(seconds * 1e6, "{:.4g} us")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -265,8 +274,8 @@ class YieldTable:
             both = spot.predicted_time, spot.measured_time
             shown.add_row(
                 str(spot.seed),
-                _told(spot.predicted, "{:.2e}"),
-                _told(spot.measured, "{:.2e}"),
+                _reported(spot.predicted, "{:.2e}"),
+                _reported(spot.measured, "{:.2e}"),
                 *(_us(time) for time in both[: len(times)]),
                 " / ".join("yes" if kept else "no" for kept in spot.kept),
                 self._agreement(spot),

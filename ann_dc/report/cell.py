@@ -81,7 +81,7 @@ def remarks(problem: OptimalControlProblem) -> list[str]:
     at every stage: disc, a**2 + x**2 >= 1
     bounds: 0 <= x, in m
     """
-    told = [_step_sentence(problem)] if problem.handed_on else []
+    reported = [_step_sentence(problem)] if problem.handed_on else []
     every: Any = problem.constraints
     last: Any = problem.terminal_constraints
     held = [f"at every stage: {name}, {rounded(relation)}" for name, relation in every.items()]
@@ -91,7 +91,7 @@ def remarks(problem: OptimalControlProblem) -> list[str]:
         unit = problem.unit(name).removesuffix("1")  # "1" stands for none
         below, above = (f"{low:g} <= " * (low > -np.inf), f" <= {high:g}" * (high < np.inf))
         held.append(f"bounds: {below}{name}{above}" + (f", in {unit}" if unit else ""))
-    return told + (["\n".join(held)] if held else [])
+    return reported + (["\n".join(held)] if held else [])
 
 
 def _step_sentence(problem: OptimalControlProblem) -> str:

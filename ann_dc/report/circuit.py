@@ -29,7 +29,7 @@ from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict
 from ann_dc.si_prefixes import counted, engineering
 from ann_dc.solution.solution import certificate_of, units_of
 
-STRAYS, LEAKS = 10e-12, 10e6
+OTHER_EQUILIBRIA, LEAKS = 10e-12, 10e6
 """Farads below which parasitic capacitance matters, and ohms above which board leakage matters."""
 KEPT = 1e-6
 """Relative constraint residual above which the report states a violation."""
@@ -54,7 +54,7 @@ class CircuitReport:
     @property
     def good(self) -> bool:
         """True if the circuit finds or is predicted to find the optimum, or is unassessed."""
-        return self.found.near or self.found.unknown
+        return self.found.within_tolerance or self.found.unknown
 
     def tables(self) -> list[Table]:
         """Return the tables to print."""
@@ -80,7 +80,7 @@ class CircuitReport:
             "a volt is": self._a_volt(),
             "scaling": f"{scaling.full_scale:g} V full scale, "
             f"{engineering(written.timing.unit, 's', 3)} a unit time constant, op amps "
-            f"{scaling.margin:.3g} times as fast as the network; tightest node in "
+            f"{scaling.bandwidth_margin:.3g} times as fast as the network; tightest node in "
             f"the ODE's run {scaling.tightest} at {scaling.used(scaling.tightest):.0%}"
             + (f", in the circuit's {run.fullest}" if run and run.fullest else ""),
         }
@@ -92,12 +92,12 @@ class CircuitReport:
 
     def _a_volt(self) -> str:
         """Return the value of 1 V at the output of every control."""
-        units, told = units_of(self.problem, self.found.circuit.schematic.network), []
+        units, reported = units_of(self.problem, self.found.circuit.schematic.network), []
         for name, scale in self.found.circuit.control_scales.items():
             unit = units.get(name, "").removeprefix("1")
             offset = f" from {scale.offset:.4g}, as its errors are" * bool(scale.offset)
-            told.append(f"{name}: {scale.factor:.4g} {unit}".rstrip() + offset)
-        return ", ".join(told) or "not told: the network has no controls"
+            reported.append(f"{name}: {scale.factor:.4g} {unit}".rstrip() + offset)
+        return ", ".join(reported) or "not told: the network has no controls"
 
     def _conditions(self) -> dict[str, object]:
         """Return the operating conditions if they differ from the nominal ones."""
@@ -127,7 +127,9 @@ class CircuitReport:
         """Return the ranges of resistors and capacitors."""
         ohms, farads = self.found.circuit.ranges
         ohms = self.backend.series.nearest(np.array(ohms))
-        strays = f" (below {engineering(STRAYS, 'F', 3)} strays count)" * bool(farads[0] < STRAYS)
+        strays = f" (below {engineering(OTHER_EQUILIBRIA, 'F', 3)} strays count)" * bool(
+            farads[0] < OTHER_EQUILIBRIA
+        )
         leaks = f" (above {engineering(LEAKS, 'ohm', 3)} boards leak)" * bool(ohms[1] > LEAKS)
         least, most = (engineering(value, "ohm", 3) for value in ohms)
         farads = self.backend.series.capacitors.nearest(np.array(farads))
@@ -169,9 +171,11 @@ class CircuitReport:
         why = self.found.shortcoming
         if self.found.unknown:
             return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
-        told = "are predicted to be" if self.found.run is None else "are"
+        reported = "are predicted to be" if self.found.run is None else "are"
         noise = "with their noise" if math.isfinite(self.found.noise) else "noise not computed"
-        near = f"the controls {told} within {NEAR:.0%}, {noise}, of {parts_in_words(self.backend)}"
+        near = (
+            f"the controls {reported} within {NEAR:.0%}, {noise}, of {parts_in_words(self.backend)}"
+        )
         return {"near optimum": verdict_text(not why, why or near)}
 
     def _drawn_with(self) -> str:
@@ -187,8 +191,8 @@ class CircuitReport:
         pole = f"{found.spectrum.abscissa:+.3g} per unit time constant"
         if not found.stable:
             return f"oscillates: a pole of {pole}"
-        if found.astray:
-            return f"not that it gets to its settled point: {found.astray}"
+        if found.other_equilibrium:
+            return f"not that it gets to its settled point: {found.other_equilibrium}"
         when = f"settling not computed: {found.unknown}"
         if math.isfinite(found.settling_time):
             when = f"within 0.1 % after {found.settling_time * 1e6:.4g} us"
@@ -200,10 +204,10 @@ class CircuitReport:
             kelvin = self.backend.level.conditions.kelvin
             rows["noise"] = f"{found.noise:.1e} rms of {found.size}, at {kelvin:.0f} K"
         if self.backend.series.mantissas:
+            rounding, series = found.series_rounding, self.backend.series
             rows["resistors"] = (
-                f"{self.backend.series.name}: off by up to {found.snapping['resistor']:.2%}, the "
-                f"same in every cell; capacitors of {self.backend.series.capacitors.name}: "
-                f"{found.snapping['capacitor']:.2%}"
+                f"{series.name}: off by up to {rounding['resistor']:.2%}, the same in every cell; "
+                f"capacitors of {series.capacitors.name}: {rounding['capacitor']:.2%}"
             )
         if found.unlooped:
             rows["loops"] = f"not told: {found.unlooped}"
@@ -262,7 +266,7 @@ class CircuitReport:
             "energy": found.cost.energy,
             "full_scale": found.circuit.scaling.full_scale,
             "seconds_per_unit": found.deck.timing.unit,
-            "margin": found.circuit.scaling.margin,
+            "margin": found.circuit.scaling.bandwidth_margin,
             "preconditioner": found.circuit.schematic.network.preconditioner.kind.name.lower(),
             "demand": None if found.demand is None else asdict(found.demand),
             "undemanded": found.undemanded,
@@ -270,7 +274,7 @@ class CircuitReport:
             "predicted": self._prediction(),
             "noise": found.noise,
             "volt": {name: scale._asdict() for name, scale in found.circuit.control_scales.items()},
-            **picked(found, "near", "shortcoming"),
+            **picked(found, "within_tolerance", "shortcoming"),
             "samples": found.samples,
             "loops": [asdict(loop) for loop in found.loops],
             "unlooped": found.unlooped,
@@ -278,8 +282,8 @@ class CircuitReport:
         }
 
     def _prediction(self) -> dict | None:
-        told = ("control_error", "settling_time", "stable", "astray", "unknown")
-        return None if self.found.prediction is None else picked(self.found.prediction, *told)
+        reported = ("control_error", "settling_time", "stable", "other_equilibrium", "unknown")
+        return None if self.found.prediction is None else picked(self.found.prediction, *reported)
 
     def _measured(self) -> dict:
         run, certificate = self.found.run, self.certificate

@@ -77,7 +77,7 @@ def _following(found: Coordination) -> str:
     distances, bound = found.run.distances, found.following
     if distances is None or not found.run.inner.any():
         return str(bound)
-    errors = {"e_v": distances.v, "e_mu": distances.mu, "e_t, e_beta": distances.told}
+    errors = {"e_v": distances.v, "e_mu": distances.mu, "e_t, e_beta": distances.reported}
     ends = [f"|{name}| from {e[0, 0]:.3g} to {e[-1, 0]:.1e}" for name, e in errors.items()]
     v, mu = _ratios(found)
     return f"{bound}; {', '.join(ends)}; largest ratios {v:.3g} and {mu:.3g}"
@@ -92,7 +92,7 @@ def _ratios(found: Coordination) -> tuple[float, float]:
     if distances is None:
         return np.nan, np.nan
     with np.errstate(all="ignore"):  # 0/0 at the solution
-        v, mu = (np.nanmax(e / distances.told) for e in (distances.v, distances.mu))
+        v, mu = (np.nanmax(e / distances.reported) for e in (distances.v, distances.mu))
     return float(v), float(mu)
 
 

@@ -14,7 +14,7 @@ from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import measured, table
 
 
-def ladder_table(done: list[Measured], title: str) -> Table:
+def level_table(done: list[Measured], title: str) -> Table:
     """Return a table of predictions and measurements by level.
 
     Levels with a single non-ideality are indented.
@@ -55,7 +55,7 @@ def as_dict(m: Measured) -> dict:
     }
 
 
-def write_ladder(
+def write_level_comparison(
     done: list[Measured],
     problem: OptimalControlProblem,
     *,
@@ -64,7 +64,7 @@ def write_ladder(
 ) -> list[Path]:
     """Write the requested files and return their paths."""
     if figure is not None:
-        plotting.save(plotting.ladder(done, problem), figure)
+        plotting.save(plotting.comparison(done, problem), figure)
     if json_file is not None:
         write_json(json_file, {"problem": problem.name, "rungs": [as_dict(m) for m in done]})
     return [file for file in (figure, json_file) if file is not None]

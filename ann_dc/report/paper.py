@@ -54,14 +54,14 @@ def around_table(cases: Sequence[Around]) -> Table:
 
 
 def _around_text(case: Around) -> str:
-    legs, discs = case.ways.values()
+    segments, discs = case.ways.values()
     solution = case.discs
     return (
-        f"as printed, {case.leap:.2f} m of the way are in no plan; with legs planned: room "
-        f"{case.room(legs):.3f} m along whole segments, {legs.u.shape[1]} stages; obstacles as "
-        f"constraints of one network: {solution.status.outcome.value}, {solution.verdict}, E = "
-        f"{solution.objective:.2f}, room {case.room(discs):.3f} m; roll-out errors "
-        f"{case.error(legs):.0e} and {case.error(discs):.0e}"
+        f"as printed, {case.leap:.2f} m of the way are in no plan; with segments planned: room "
+        f"{case.room(segments):.3f} m along whole segments, {segments.u.shape[1]} stages; "
+        f"obstacles as constraints of one network: {solution.status.outcome.value}, "
+        f"{solution.verdict}, E = {solution.objective:.2f}, room {case.room(discs):.3f} m; "
+        f"roll-out errors {case.error(segments):.0e} and {case.error(discs):.0e}"
     )
 
 
@@ -85,7 +85,7 @@ def _case_dict(case: Around) -> dict[str, Any]:
         "radius": RADIUS,
         "printed": [{"states": q, "controls": u} for q, u in case.printed],
         "left_out": case.leap,
-        "legs_certified": [leg.certified for leg in case.legs],
+        "legs_certified": [segment.certified for segment in case.segments],
         "discs_objective": case.discs.objective,
         "discs_certified": case.discs.certified,
         **ways,
@@ -121,7 +121,7 @@ def _followed(run: TwoLevelRun) -> str:
     distances = run.distances
     if distances is None:
         return "not measured"
-    v, mu = ((part / distances.told).max() for part in (distances.v, distances.mu))
+    v, mu = ((part / distances.reported).max() for part in (distances.v, distances.mu))
     return (
         f"measured in {counted(run.rounds, 'outer iterations')}: at most {v:.3g} and {mu:.3g} times"
     )

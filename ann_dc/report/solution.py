@@ -38,7 +38,7 @@ def report_table(solution: Solution, backend: Backend | None = None) -> Table:
         f"(constraints {certificate.constraint_residual:.1e}, "
         f"stationarity {certificate.stationarity_residual:.1e})",
         **_inequalities(certificate.complementarity),
-        **({} if certificate.soft_rows is None else {"soft rows": certificate.soft_rows.told}),
+        **({} if certificate.soft_rows is None else {"soft rows": certificate.soft_rows.reported}),
         **({} if certificate.largest is None else {"objectives": certificate.largest.counts}),
         "second order": certificate.verdict,
         "Newton step": f"{certificate.newton_step:.1e} of a component's range, at most",
@@ -60,7 +60,7 @@ def _inequalities(kept: Complementarity | None) -> dict[str, str]:
 
 
 def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
-    told = "{1:.4g} fastest time constants = {0:.4g} unit time constants".format
+    reported = "{1:.4g} fastest time constants = {0:.4g} unit time constants".format
     times, run, design = {}, solution.run, solution.design
     if design is not None and design.first.found_by:
         times["optimum found by"] = design.first.found_by
@@ -71,13 +71,13 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
         times["recurrence"] = recurrence
     if solution.status.settled:
         constants = solution.normalised_settling_time
-        times["settling time"] = told(solution.settling_time, constants)
+        times["settling time"] = reported(solution.settling_time, constants)
         if recurrence is not None:
             times["settling steps"] = f"{run.settling_steps} recurrent steps of {run.steps} done"
         times["verified"] = run.verified
     if design is not None and (predicted := solution.predicted_settling) is not None:
         continuous = "" if recurrence is None else ", in continuous time"
-        times["predicted"] = told(predicted, predicted * design.spectrum.radius) + continuous
+        times["predicted"] = reported(predicted, predicted * design.spectrum.radius) + continuous
     return times
 
 

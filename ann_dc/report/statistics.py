@@ -225,11 +225,13 @@ class Findings:
     @cached_property
     def columns(self) -> Mapping[str, Column]:
         """Columns by name."""
-        told = dict(self.identity.get("settings") or {}) | dict(self.identity.get("metrics") or {})
+        reported = dict(self.identity.get("settings") or {}) | dict(
+            self.identity.get("metrics") or {}
+        )
         found = {}
         for name in self.frame.columns:
             unit, says = SAYS.get(name, ("", ""))
-            words = told.get(name) or {}
+            words = reported.get(name) or {}
             unit = str(words.get("unit") or unit)
             says = str(words.get("definition") or words.get("says") or says)
             found[name] = column_of(name, self.frame[name], unit=unit, says=says)

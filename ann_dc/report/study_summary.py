@@ -30,11 +30,11 @@ def summary(study: Study, found: Table) -> list[Shown | str]:
     for metric in study.metrics:
         values = found[metric.name]
         finite = values[np.isfinite(values)]
-        told = 3 * ["-"]
+        reported = 3 * ["-"]
         if finite.size:  # values that occur: no median between two clusters
             ends = np.percentile(finite, QUANTILES, method="inverted_cdf")
-            told = [f"{value:.4g}" for value in ends]
-        measured.add_row(metric.name, metric.unit, *told, str(len(values) - finite.size))
+            reported = [f"{value:.4g}" for value in ends]
+        measured.add_row(metric.name, metric.unit, *reported, str(len(values) - finite.size))
     shown.append(measured)
     if study.spec:
         shown += _yields(study, found)

@@ -125,9 +125,9 @@ def _stayed(found: Solution, backend: Backend) -> Solution:
     certificate = _proof_beside(found)
     if certificate is None:
         return found
-    told = status.settled(float(run.trajectory.kkt[-1]), found.status.time)
+    reported = status.settled(float(run.trajectory.kkt[-1]), found.status.time)
     why = "the residual stayed below tolerance; rounding kept it from falling further"
-    settled = replace(run, status=told, settling_time=time, verified=why)
+    settled = replace(run, status=reported, settling_time=time, verified=why)
     return replace(found, run=settled, certificate=certificate)
 
 
@@ -180,10 +180,10 @@ def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
         return _recorded(network, x, status.stopped(residuals, 0.0, str(end)))
 
 
-def _recorded(network: Network, x: np.ndarray, told: Status) -> Run:
+def _recorded(network: Network, x: np.ndarray, reported: Status) -> Run:
     recorder = Recorder(network)
     recorder.record(0.0, x, fast_evaluator(network).residuals(x))
-    return recorder.run(0.0, x, told, Settling(), 0)
+    return recorder.run(0.0, x, reported, Settling(), 0)
 
 
 def _known(failed: Solution) -> Solution | None:
@@ -199,8 +199,8 @@ def _known(failed: Solution) -> Solution | None:
             state = design.state
         certificate = certificate_of(failed.problem, network, state)
         if certificate.certified:
-            told = found_without(design.first.found_by or "the first run", failed.status)
-            run = _recorded(network, state, told)
+            reported = found_without(design.first.found_by or "the first run", failed.status)
+            run = _recorded(network, state, reported)
             return replace(failed, run=run, certificate=certificate)
     return None
 
@@ -234,6 +234,6 @@ def _explained(solution: Solution, prospect: Prospect) -> Solution:
         return solution
     if found is None:
         return solution
-    told = _hopeless(found, solution.status.time)
-    run = replace(solution.run, status=told, settling_time=float("nan"))
+    reported = _hopeless(found, solution.status.time)
+    run = replace(solution.run, status=reported, settling_time=float("nan"))
     return replace(solution, run=run)

@@ -62,7 +62,7 @@ SHAPES: dict[type, dict[str, str]] = {
     Multilevel: {"gains": "* C C"},
     Spectrum: {"eigenvalues": "*"},
     ScheduledRun: {"state": "n"},
-    Candidate: {"stray": "n"},
+    Candidate: {"other_equilibrium": "n"},
     Design: {"state": "n"},
 }
 """Shapes of the arrays of a record; no size is zero.

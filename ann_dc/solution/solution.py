@@ -104,8 +104,8 @@ class Solution(Record):
     @property
     def certified(self) -> bool:
         """True if the solution is an optimum: settled, or as ``status`` describes."""
-        told = (Outcome.SETTLED, Outcome.FOUND, Outcome.STOPPED)
-        return self.status.outcome in told and self.certificate.certified
+        reported = (Outcome.SETTLED, Outcome.FOUND, Outcome.STOPPED)
+        return self.status.outcome in reported and self.certificate.certified
 
     @property
     def verdict(self) -> str:

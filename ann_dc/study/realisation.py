@@ -35,7 +35,7 @@ from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.buildable import with_rails
+from ann_dc.hardware.schematic.buildable import clamped_full_scale
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, KINDS, PreconditionerKind
@@ -73,7 +73,7 @@ NONIDEALITIES: dict[str, Callable[[Network, float, int], Network]] = {
     "leak": lambda network, value, seed: nonidealities.leak(network, value),
     "extra_pole": lambda network, value, seed: nonidealities.extra_pole(network, value),
     "slew": lambda network, value, seed: nonidealities.slew(network, value),
-    "rails": lambda network, value, seed: nonidealities.rails(network, value),
+    "saturation": lambda network, value, seed: nonidealities.saturation(network, value),
 }
 """Functions by non-ideality, in a valid order of application."""
 
@@ -278,11 +278,11 @@ class Realisation:
     def _build(self, setting: Mapping[str, Value]) -> Built:
         circuit = behind(setting, "circuit")
         network = self.nominal(setting)
-        level = with_rails(network, level_of(circuit, behind(setting, "tolerance")))
+        level = clamped_full_scale(network, level_of(circuit, behind(setting, "tolerance")))
         series = SERIES[str(circuit.get("series", "exact"))]
         backend = SpiceBackend(level=level, series=series, require_stable=False)
-        if "margin" in circuit:
-            backend = replace(backend, margin=float(circuit["margin"]))
+        if "bandwidth_margin" in circuit:
+            backend = replace(backend, bandwidth_margin=float(circuit["bandwidth_margin"]))
         built, probe = backend.prepare(network)
         return Built(built, level, probe, backend)
 

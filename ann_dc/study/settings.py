@@ -195,7 +195,7 @@ NONIDEAL = {
     "leak": "DC gain of the integrators; infinite for none",
     "extra_pole": "one more pole behind every neuron, in radians per unit of network time",
     "slew": "fastest move of a neuron, network units per unit of network time",
-    "rails": "where neurons stop, network units",
+    "saturation": "where neurons stop, network units",
     "bits": "significant bits of every synapse weight",
 }
 """Non-idealities of the ideal network, in order of application."""
@@ -241,7 +241,7 @@ def _gains(subject: Subject) -> Iterable[str]:
 
 def _datasheet(_: Subject) -> Iterable[str]:
     figures = [f.name for f in fields(Datasheet) if f.type == "float"]
-    return ("level", "margin", "series", *figures)
+    return ("level", "bandwidth_margin", "series", *figures)
 
 
 FAMILIES: dict[str, Family] = {
@@ -282,13 +282,19 @@ RECORDS: dict[str, Callable[..., object]] = {
     "design": GainRule,
 }
 """Records whose fields a family sets; they reject numbers out of range."""
-ENDLESS = ("run.limit", "nonideal.leak", "nonideal.extra_pole", "nonideal.slew", "nonideal.rails")
+ENDLESS = (
+    "run.limit",
+    "nonideal.leak",
+    "nonideal.extra_pole",
+    "nonideal.slew",
+    "nonideal.saturation",
+)
 """Settings that an infinite value switches off."""
 POSITIVE = (
     *ENDLESS,
     "problem.dt",
     "gains.",
-    "circuit.margin",
+    "circuit.bandwidth_margin",
     "run.step",
     "run.tolerance",
     "nonideal.bits",
@@ -435,7 +441,7 @@ def _check_range(field: str, name: str, value: float) -> None:
         expected = "a finite number"
     if expected:
         raise StudyError(f"{field}: {name} is {expected}, got {value!r}")
-    if family in RECORDS and name != "circuit.margin":
+    if family in RECORDS and name != "circuit.bandwidth_margin":
         try:
             RECORDS[family](**{last: value})
         except AnnDcError as error:

@@ -75,10 +75,10 @@ def objective_neurons(objectives: Sequence[ObjectiveDual], cost: float) -> tuple
 
     J and E are in units of ``cost``.
     """
-    told = [objective.measure for objective in objectives]
-    told += [objective.level for objective in objectives[:1]]
+    reported = [objective.measure for objective in objectives]
+    reported += [objective.level for objective in objectives[:1]]
     scales = {objective.neuron: IDENTITY for objective in objectives}
-    scales |= dict.fromkeys(told, Scale(cost))
+    scales |= dict.fromkeys(reported, Scale(cost))
     return tuple(Neuron(name=name, scale=scale, shared=True) for name, scale in scales.items())
 
 

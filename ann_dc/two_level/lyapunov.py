@@ -67,7 +67,7 @@ class Distances(NamedTuple):
         return Lyapunov(*(a + b for a, b in zip(self.t, self.beta)))
 
     @property
-    def told(self) -> Any:
+    def reported(self) -> Any:
         """Norm of e_t and e_beta together."""
         return (2 * self.lyapunov.theta) ** 0.5
 

@@ -48,9 +48,9 @@ def check_problem(problem: OptimalControlProblem) -> None:
             f"two levels: {problem.name} has the objectives {', '.join(problem.objective_names)}, "
             "of which the algorithm knows nothing; ann_dc.solve(problem) does"
         )
-    if told := ", ".join(names):
+    if reported := ", ".join(names):
         raise ProblemError(
-            f"two levels: {problem.name} has inequalities or bounds ({told}), of which the "
+            f"two levels: {problem.name} has inequalities or bounds ({reported}), of which the "
             "algorithm knows nothing; ann_dc.solve(problem) does"
         )
 

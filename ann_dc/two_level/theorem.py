@@ -62,8 +62,9 @@ class Following:
     def __str__(self) -> str:
         if not np.isfinite(self.v):
             return "Theorem IV.1 does not apply: the lower level is singular at the solution"
-        told = "|e_t, e_beta|"
-        return f"|e_v| <= {self.v:.3g} {told} and |e_mu| <= {self.mu:.3g} {told} near the solution"
+        change = "|e_t, e_beta|"
+        bounds = f"|e_v| <= {self.v:.3g} {change} and |e_mu| <= {self.mu:.3g} {change}"
+        return f"{bounds} near the solution"
 
 
 @checked

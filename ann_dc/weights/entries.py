@@ -106,13 +106,13 @@ class Entries(ABC):
             )
         return found.shape, found.data
 
-    def array(self, name: str, *shapes: tuple[int | None, ...], rails: bool = False) -> np.ndarray:
+    def array(self, name: str, *shapes: tuple[int | None, ...], limits: bool = False) -> np.ndarray:
         """Take a finite array with one of the given shapes (None: any length), as `numbers` does.
 
-        Only the array ``rails`` may contain infinite values. Raises `FileFormatError` otherwise.
+        Only the array ``limits`` may contain infinite values. Raises `FileFormatError` otherwise.
         """
         values = self.numbers(name, *shapes)
-        if np.isnan(values).any() or not (rails or np.isfinite(values).all()):
+        if np.isnan(values).any() or not (limits or np.isfinite(values).all()):
             raise FileFormatError(f"entry {name!r} holds a value that is not finite")
         return values
 

@@ -69,9 +69,9 @@ def hashes_of(manifest: Mapping, arrays: Mapping[str, object]) -> dict[str, str]
 
 def check_hashes(table: Table, arrays: Mapping[str, object]) -> None:
     """Raise `FileFormatError` if a manifest or its arrays differ from the hashes in it."""
-    told = table.get("tensors", dict)
-    if told.keys() != arrays.keys():
-        odd = ", ".join(sorted(told.keys() ^ arrays.keys()))
+    reported = table.get("tensors", dict)
+    if reported.keys() != arrays.keys():
+        odd = ", ".join(sorted(reported.keys() ^ arrays.keys()))
         raise FileFormatError(f"manifest.tensors: the file and its manifest differ in {odd:.300}")
     given = table.inner("hashes")
     hashes = hashes_of(table.given, arrays)

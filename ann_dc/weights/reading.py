@@ -99,7 +99,7 @@ def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
     for row in rows:
         row.only("name role shared")
     names = [row.get("name", str) for row in rows]
-    rails = entries.array("limits", (len(rows), 2), rails=True)
+    limits = entries.array("limits", (len(rows), 2), limits=True)
     factors = entries.array("scale_factor", (len(rows),))
     offsets = np.zeros(len(rows))
     if _is_shifted(table):
@@ -113,7 +113,7 @@ def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
             scale=Scale(float(factor), float(offset)),
             shared=row.has("shared") and bool(row.whole("shared", 1, 1)),
         )
-        for row, name, (low, high), factor, offset in zip(rows, names, rails, factors, offsets)
+        for row, name, (low, high), factor, offset in zip(rows, names, limits, factors, offsets)
     )
 
 
@@ -131,7 +131,7 @@ def _ranges(table: Table, entries: Entries, cell: Cell) -> dict[str, tuple[float
     """Return the input ranges of the design; empty if it was made for one problem."""
     if not (table.has("ranged") and table.whole("ranged", 1, 1)):
         return {}
-    rows = entries.array("range", (len(cell.inputs), 2), rails=True)
+    rows = entries.array("range", (len(cell.inputs), 2), limits=True)
     ranges = {name: (float(low), float(high)) for name, (low, high) in zip(cell.inputs, rows)}
     return {name: ends for name, ends in ranges.items() if np.isfinite(ends).any()}
 

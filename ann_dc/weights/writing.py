@@ -30,7 +30,7 @@ ABOUT = (
     "of evaluation, each in all cells before the next one. Value of an input = (given - offset) /"
     " factor with `input_scale` (without it: as given). A `fixed` neuron has the value of its "
     "input at that stage, an `omitted` one is 0; a shared one is a single neuron, in the last "
-    "cell: all cells read it, and its drive is the sum of those of all cells. Limits: {rails}; "
+    "cell: all cells read it, and its drive is the sum of those of all cells. Limits: {limits}; "
     "after a step of finite length x is clipped to its limits. M acts on live neurons: d of "
     "fixed, omitted and other cells' shared ones is 0, and they do not move. States are in "
     "network units: user's value = scale_offset + scale_factor * state (offset 0 without the "
@@ -106,8 +106,8 @@ STIFFNESSES: dict[PreconditionerKind, type[Stiffness]] = {
 
 def about(network: Network) -> str:
     """Return the network equation as text, for readers that have only the file."""
-    rails = PROJECTED if len(clamped_rows(network)) else CUT
-    return ABOUT.format(rails=rails) + PRECONDITIONERS[network.preconditioner.kind]
+    limits = PROJECTED if len(clamped_rows(network)) else CUT
+    return ABOUT.format(limits=limits) + PRECONDITIONERS[network.preconditioner.kind]
 
 
 def manifest_of(network: Network) -> dict:

@@ -19,8 +19,10 @@ def test_a_minimum_is_told_from_a_saddle_by_factors_too(name, sparse):
     found = designed(name)
     rng = np.random.default_rng(0)
     sizes = 10 ** rng.uniform(-3, 0, 20)
-    moves = [size * rng.standard_normal(found.network.size) for size in sizes]
-    saddles = [saddle_of(found.network, found.state + move) for move in (0.0, *moves)]
+    derivatives = [size * rng.standard_normal(found.network.size) for size in sizes]
+    saddles = [
+        saddle_of(found.network, found.state + derivative) for derivative in (0.0, *derivatives)
+    ]
     dense = [saddle.is_minimum for saddle in saddles]
     assert dense[0]
     assert 1 < sum(dense) < len(dense)

@@ -292,7 +292,7 @@ def test_inputs_move_equilibria_as_differences_say(name):
 
 def test_what_stands_at_a_rail_moves_no_more():
     """y = x, x' = p - x clipped at 1: beyond it, p moves nothing."""
-    for p, moves in ((0.5, 1.0), (2.0, 0.0)):
+    for p, derivatives in ((0.5, 1.0), (2.0, 0.0)):
         cell = Cell(
             neurons=(Neuron(name="x", limiter=Limiter(low=-1.0, high=1.0)), Neuron(name="y")),
             inputs=("p",),
@@ -306,7 +306,7 @@ def test_what_stands_at_a_rail_moves_no_more():
         row = Network(stages=1, cell=cell, inputs={"p": p})
         x = np.full(2, min(p, 1.0))
         found = input_sensitivity(row, x, np.arange(2))["p"]
-        assert found[:, 0].tolist() == [moves, moves]
+        assert found[:, 0].tolist() == [derivatives, derivatives]
 
 
 # ---- single parts --------------------------------------------------------------------------------

@@ -203,8 +203,8 @@ def test_sign_changes_of_a_wave(count):
 
 
 def test_a_mode_in_words():
-    told = str(mode(eigenvalue=-0.1 + 0.2j, shape=np.array([[0.6, 0.0], [0.5, -0.6]])))
-    assert told == "-0.1 +- 0.2i: mu.x 61 %, q.x 36 %; 1 sign change"
+    reported = str(mode(eigenvalue=-0.1 + 0.2j, shape=np.array([[0.6, 0.0], [0.5, -0.6]])))
+    assert reported == "-0.1 +- 0.2i: mu.x 61 %, q.x 36 %; 1 sign change"
     assert str(mode()) == "-0.1: mu.x 64 %, q.x 36 %; no sign change"
 
 

@@ -135,7 +135,7 @@ def test_slow_modes_that_swing_are_not_missed(problem, stages, penalty_factor, m
 def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, monkeypatch):
     """A board whose resistors and capacitances at virtual grounds leave it near its threshold."""
     level = replace(presets.get("opa192_ad734"), smallest_resistor=10e3)
-    board = SpiceBackend(level=level, margin=10.0)
+    board = SpiceBackend(level=level, bandwidth_margin=10.0)
     circuit, probe = board.prepare(neighbour_wired("car"))
     circuit = circuit.slower(slower)
     expected = pole_spectrum(emulate(circuit, level), probe.final)
@@ -159,7 +159,7 @@ def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, mon
 )
 def test_modes_that_swing_and_hardly_decay_are_not_missed(problem, kind, monkeypatch):
     """Op amps behind coordinators: fast modes that do not swing hide them from most iterations."""
-    built = SpiceBackend(level=macro(), margin=30.0)
+    built = SpiceBackend(level=macro(), bandwidth_margin=30.0)
     circuit, probe = built.prepare(with_preconditioner(problem, kind))
     expected = pole_spectrum(emulate(circuit, built.level), probe.final)
     monkeypatch.setattr("ann_dc.hardware.emulation.states.ALL_MODES", 10)

@@ -28,15 +28,15 @@ def test_every_sample_has_its_own_curve_and_its_end(lasts, most):
     curves = recorded(lasts, most)
     for sample, last in enumerate(lasts):
         rows = slice(*curves.first[sample : sample + 2])
-        looks = curves.states[rows, 0] - 100.0 * sample
-        assert looks[0] == 0
-        assert looks[-1] == last - 1
-        assert len(looks) <= most + 1
-        assert (np.diff(looks) > 0).all()
-        np.testing.assert_array_equal(curves.time[rows], looks / 2)
-        np.testing.assert_array_equal(curves.residuals[rows], np.stack([looks, looks], axis=1))
+        checks = curves.states[rows, 0] - 100.0 * sample
+        assert checks[0] == 0
+        assert checks[-1] == last - 1
+        assert len(checks) <= most + 1
+        assert (np.diff(checks) > 0).all()
+        np.testing.assert_array_equal(curves.time[rows], checks / 2)
+        np.testing.assert_array_equal(curves.residuals[rows], np.stack([checks, checks], axis=1))
         if last <= most:  # however long the others went on
-            assert len(looks) == last
+            assert len(checks) == last
     assert curves.first[-1] == len(curves.time)
 
 

@@ -240,24 +240,24 @@ ADVICE = [
 @pytest.mark.filterwarnings("ignore:.*step:UserWarning")
 @pytest.mark.parametrize(("outcome", "advice", "backend", "network", "other", "changed"), ADVICE)
 def test_run_that_follows_advice_settles(outcome, advice, backend, network, other, changed):
-    told = backend.run(network()).status
-    assert told.outcome is outcome
-    assert advice in str(told)
+    reported = backend.run(network()).status
+    assert reported.outcome is outcome
+    assert advice in str(reported)
     assert other.run(changed()).status.settled
 
 
 @pytest.mark.parametrize("backend", [ODE, STEPS])
 def test_limit_cycle_is_not_told_to_start_elsewhere(backend):
-    told = str(backend.run(limit_cycle()).status)
-    assert "neuron y[0] kept swinging by 5." in told
-    assert "elsewhere" not in told
+    reported = str(backend.run(limit_cycle()).status)
+    assert "neuron y[0] kept swinging by 5." in reported
+    assert "elsewhere" not in reported
 
 
 @pytest.mark.slow
 def test_error_of_an_implicit_method_is_not_blamed_on_the_network():
-    told = str(BDF.run(damped()).status)
-    assert "no smaller: BDF errs as much with rtol=1e-06; take the compiled method" in told
-    assert "elsewhere" not in told
+    reported = str(BDF.run(damped()).status)
+    assert "no smaller: BDF errs as much with rtol=1e-06; take the compiled method" in reported
+    assert "elsewhere" not in reported
     _, advice = status.no_headway(damped(), np.ones((9, 2)), 9, 1e-4, ode.BDF)
     assert advice == "start elsewhere"  # the method errs less than that
 

@@ -44,13 +44,13 @@ def settle(samples: int, horizon: int, accelerated: bool) -> None:
     targets = np.random.default_rng(0).uniform(4, 6, (2, samples))
     inputs = {"q_d.x": targets[0], "q_d.y": targets[1]}
 
-    looks: list[torch.Tensor] = []
+    checks: list[torch.Tensor] = []
     layer.settle(
         inputs={name: values[:PILOT] for name, values in inputs.items()},
         limit=STEPS,
-        observe=lambda _, residuals, __: looks.append(residuals.amax(0)),
+        observe=lambda _, residuals, __: checks.append(residuals.amax(0)),
     )
-    middle = float(torch.stack(looks[1:-1]).amin(0).quantile(0.6))
+    middle = float(torch.stack(checks[1:-1]).amin(0).quantile(0.6))
     few = ann_dc.Settling(tolerance=middle, confirm=1.0)
     ended = layer.settle(inputs=inputs, settling=few, limit=STEPS)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9

@@ -50,22 +50,22 @@ def measured(name: str, stages: int, kind: PreconditionerKind) -> Figure:
     network = ann_dc.design(problem, preconditioner=[kind]).network
     backend = SpiceBackend(level=macro(a0=1e6), simulation=Simulation(patience=PATIENCE))
     plain = kind is PreconditionerKind.DIAGONAL
-    backend = replace(backend, margin=PLAIN) if plain else fitted(backend, network)
+    backend = replace(backend, bandwidth_margin=PLAIN) if plain else fitted(backend, network)
     circuit, probe = backend.prepare(network)
     deck = backend.deck(circuit, probe, {})
     found = predict(circuit, backend.level, probe)
-    told = "not simulated"
+    reported = "not simulated"
     if (name, stages, kind) not in UNSIMULATED:
         run = backend.measure(circuit, deck, probe)
-        told = f"in ngspice {1e6 * run.settling_time():.1f} us, error {run.control_error:.2e}"
+        reported = f"in ngspice {1e6 * run.settling_time():.1f} us, error {run.control_error:.2e}"
     kinds = (OP_AMP, MULTIPLIER, RESISTOR, CAPACITOR)
     count = ", ".join(f"{deck.parts[part]} {part}" for part in kinds if part in deck.parts)
     power = cost_of(deck.parts, TRANSISTOR.datasheet, found.settling_time).power
     return Figure(
         name=f"{name}, {kind.value}, N = {stages}",
         value=f"{1e6 * found.settling_time:.1f} us" if not found.unknown else found.unknown,
-        remark=f"emulated, error {found.control_error:.2e}; {told}; "
-        f"margin {circuit.scaling.margin:.0f}; "
+        remark=f"emulated, error {found.control_error:.2e}; {reported}; "
+        f"margin {circuit.scaling.bandwidth_margin:.0f}; "
         f"{count}; {power:.2g} W",
     )
 

@@ -77,9 +77,9 @@ def nonlinear(robot: Robot) -> Kind:
 
 def waypoints(robot: Robot) -> Kind:
     """The paper's rule, which has no shield."""
-    legs = design_waypoint_planner(robot)
-    yield "waypoints (IV.C)", legs, WORLDS
-    yield "waypoints as printed", replace(legs, as_printed=True), WORLDS
+    segments = design_waypoint_planner(robot)
+    yield "waypoints (IV.C)", segments, WORLDS
+    yield "waypoints as printed", replace(segments, as_printed=True), WORLDS
 
 
 class Driven(NamedTuple):
@@ -124,7 +124,7 @@ def _driven(
 
 def _summary(name: str, journeys: Sequence[ClosedLoopRun], seconds: float) -> Driven:
     there = [j for j in journeys if j.arrived and not j.collided]
-    pressed = np.concatenate([j.pressed[1:] for j in journeys])
+    pressed = np.concatenate([j.relative_multiplier[1:] for j in journeys])
     residuals = np.concatenate([j.residuals[1:] for j in journeys])
     low, high = IN_CONTACT
     contact = (pressed > low) & (pressed < high)

@@ -121,7 +121,7 @@ class _NlpDriver:
             q=np.vstack([situation.q, Q]).T,
             u=U.T,
             residual=0.0 if good else np.inf,
-            pressed=pressed,
+            relative_multiplier=pressed,
         )
 
     def _guess(self, situation: Situation) -> tuple[np.ndarray, np.ndarray]:

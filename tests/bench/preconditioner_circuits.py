@@ -62,7 +62,7 @@ def measured(
     """One circuit, and by what parts of ngspice's the emulated settling time and error differ."""
     network = with_preconditioner(name, kind, horizon)
     backend, circuit, probe = prepared(network)
-    told = predict(circuit, backend.level, probe)
+    reported = predict(circuit, backend.level, probe)
     deck = backend.deck(circuit, probe, {})
     parts = [(OP_AMP, "op amps"), (RESISTOR, "R"), (NEGATIVE, "negative R"), (CAPACITOR, "C")]
     count = ", ".join(f"{deck.parts[part]} {word}" for part, word in parts if part in deck.parts)
@@ -72,18 +72,18 @@ def measured(
         settling = f"{1e6 * run.settling_time():.1f} us" if run.settled() else "does not settle"
         error = f"{run.control_error:.1e}"
         apart = (
-            abs(told.settling_time / run.settling_time() - 1),
-            abs(told.control_error / run.control_error - 1),
+            abs(reported.settling_time / run.settling_time() - 1),
+            abs(reported.control_error / run.control_error - 1),
         )
     except SpiceTimeoutError:
         settling = error = f"not done in {PATIENCE:.0f} s"
-    soon = np.isfinite(told.settling_time)
-    when = f"{1e6 * told.settling_time:.1f} us" if soon else "not in 30000 steps"
+    soon = np.isfinite(reported.settling_time)
+    when = f"{1e6 * reported.settling_time:.1f} us" if soon else "not in 30000 steps"
     figure = Figure(
         name=f"{name}, {kind.value}, N = {network.stages}",
         value=settling,
-        remark=f"emulated {when}; error {error}, emulated {told.control_error:.1e}; {count}; "
-        f"margin {circuit.scaling.margin:.0f}"
+        remark=f"emulated {when}; error {error}, emulated {reported.control_error:.1e}; {count}; "
+        f"margin {circuit.scaling.bandwidth_margin:.0f}"
         + demanded(preconditioner_demand(network, probe.final)),
     )
     return figure, apart

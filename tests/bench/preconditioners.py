@@ -52,8 +52,8 @@ MOST_SECONDS = 1.0
 def many_moves(tape, work, count):
     """``count`` products of the preconditioner in a row."""
     for _ in range(count):
-        loops.move(tape, work)
-        work.drives[0, 0] += 1e-12 * work.moves[0, 0]  # so that no call can be dropped
+        loops.derivative(tape, work)
+        work.drives[0, 0] += 1e-12 * work.derivatives[0, 0]  # so that no call can be dropped
 
 
 def seconds_of(call: Callable[[int], object], count: int) -> float:
@@ -99,7 +99,7 @@ def in_code(network: ann_dc.Network, kind: PreconditionerKind) -> Contestant:
 
     def run() -> None:
         entry = lanes.entry
-        many_in_code(entry.rhs, entry.table.ctypes.data, x, lanes.moves, count)
+        many_in_code(entry.rhs, entry.table.ctypes.data, x, lanes.derivatives, count)
 
     return Contestant(name=kind.value, call=run)
 
@@ -127,7 +127,7 @@ def reference_time(network: ann_dc.Network) -> float:
     """Seconds of a product in NumPy."""
     drive, ours = np.random.default_rng(0).standard_normal(network.size), evaluator(network)
     return seconds_of(
-        lambda n: [ours.move(drive) for _ in range(n)], max(1000 // network.stages, 3)
+        lambda n: [ours.derivative(drive) for _ in range(n)], max(1000 // network.stages, 3)
     )
 
 

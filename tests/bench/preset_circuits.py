@@ -26,7 +26,7 @@ from ann_dc.fidelity.circuit_study import instances, settled_error
 from ann_dc.fidelity.prediction import Prediction, predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
-from ann_dc.hardware.schematic.buildable import with_rails
+from ann_dc.hardware.schematic.buildable import clamped_full_scale
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -101,7 +101,7 @@ def below(share: float) -> Network:
 
 def board_of(preset: str, network: Network) -> SpiceBackend:
     """What makes a network of a preset's parts, and has the time that runs take."""
-    level = with_rails(network, presets.get(preset))
+    level = clamped_full_scale(network, presets.get(preset))
     return SpiceBackend(level=level, simulator=Ngspice(timeout=PATIENCE))
 
 
@@ -154,7 +154,7 @@ def made(plant: str, preset: str, network: Network) -> Figure:
         remark=f"predicted {said.unknown or f'{1e6 * said.settling_time:.4g} us'}; "
         f"error {run.control_error:.2e}, predicted {said.control_error:.2e}; "
         f"R from {smallest:.2g} ohm, C from {1e12 * circuit.ranges[1][0]:.2g} pF, "
-        f"margin {circuit.scaling.margin:.3g}",
+        f"margin {circuit.scaling.bandwidth_margin:.3g}",
         good=agree(said, run),
     )
 

@@ -52,15 +52,15 @@ class Chip:
 
     def size(self) -> Figure:
         """What it takes."""
-        told = predict(self.circuit, SKY130, self.probe)
+        reported = predict(self.circuit, SKY130, self.probe)
         deck = self.backend.deck(self.circuit, self.probe, {})
         loads = load_power(self.circuit, SKY130, self.probe.final)
-        cost = cost_of(deck.parts, SKY130.datasheet, told.settling_time, loads)
+        cost = cost_of(deck.parts, SKY130.datasheet, reported.settling_time, loads)
         area = area_of(self.circuit, deck.parts, deck.library)
         return Figure(
             name=f"{self.name}: area and power",
             value=f"{area.total / 1e6:.2f} mm2, {cost.power:.2g} W",
-            remark=f"emulated {told.control_error:.2e}, {1e6 * told.settling_time:.2f} us; "
+            remark=f"emulated {reported.control_error:.2e}, {1e6 * reported.settling_time:.2f} us; "
             + ", ".join(f"{count} {part}" for part, count in deck.parts.items()),
         )
 

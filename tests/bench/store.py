@@ -41,7 +41,7 @@ MORE_MEMORY = 50
 
 def finished(first: int, number: int) -> list[Finished]:
     """Rows of so many points."""
-    told = {
+    reported = {
         "outcome": "settled", "message": "it settled to a residual of 1e-6", "wall_time": 0.01,
         "worker": "4711", "host": "host", "versions": "ann_dc 0.1.0, numpy 2.0.0, scipy 1.15.0",
     }  # fmt: skip
@@ -50,7 +50,7 @@ def finished(first: int, number: int) -> list[Finished]:
             {"point": point, "seed": point}
             | dict.fromkeys(SETTINGS, point / 3)
             | dict.fromkeys(METRICS, point / 7)
-            | told
+            | reported
         )
         for point in range(first, first + number)
     ]

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from library_table import CIRCUITS
-from multiplier_sweeps import Bench, found, known, told
+from multiplier_sweeps import Bench, found, known, reported
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
@@ -40,7 +40,10 @@ def measured(volts: float, gain: float):
 @pytest.mark.parametrize(("volts", "gain"), SCALES)
 def test_a_sweep_is_the_law(volts, gain):
     x, y, z, out = sweep = measured(volts, gain)
-    off, left = out - gain * volts * x * y - z, out - told(LAW.at(volts, gain), volts, sweep, gain)
+    off, left = (
+        out - gain * volts * x * y - z,
+        out - reported(LAW.at(volts, gain), volts, sweep, gain),
+    )
     assert np.linalg.norm(left) < 0.25 * np.linalg.norm(off)
     assert np.abs(left).max() < 5e-4
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from library_table import CIRCUITS
-from multiplier_sweeps import Bench, found, known, told
+from multiplier_sweeps import Bench, found, known, reported
 from simulator import needs_ngspice
 
 from ann_dc.hardware.parts.transistors import GILBERT
@@ -36,14 +36,14 @@ def measured(volts: float):
 def test_a_sweep_is_the_law(volts):
     x, y, z, out = sweep = measured(volts)
     assert np.abs(out - volts * x * y - z).max() > 2e-4
-    assert np.abs(out - told(GILBERT.at(volts), volts, sweep)).max() < 3e-5
+    assert np.abs(out - reported(GILBERT.at(volts), volts, sweep)).max() < 3e-5
 
 
 @pytest.mark.parametrize("gain", [0.1, 0.5, 2.0])
 def test_multiplier_of_small_or_large_gain_follows_the_law(gain):
     """The law of gain 1 times the gain was 36 uV off at the corners, and 50 uV beside 1 V of z."""
     sweep = BENCH.grid(0.8, 0.8 * SHARES, np.array([-1.0, 0.4, 0.8]), gain=gain, reach=2.0)
-    left = sweep[3] - told(GILBERT.at(0.8, gain), 0.8, sweep, gain)
+    left = sweep[3] - reported(GILBERT.at(0.8, gain), 0.8, sweep, gain)
     assert np.abs(left).max() < 1.5e-5
 
 

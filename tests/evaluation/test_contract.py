@@ -74,7 +74,7 @@ def assert_conforms(kind: type[Evaluator], network: Network, x: np.ndarray) -> N
     assert_close(ours.residuals(x), reference.residuals(x))
     push = network.pack(np.random.default_rng(2).standard_normal(network.live.shape))
     for drive in (push, network.pack(reference.drives(x))):
-        assert_close(ours.move(drive), reference.preconditioner @ drive)
+        assert_close(ours.derivative(drive), reference.preconditioner @ drive)
     assert_close(ours.fastest_rate(x), grown(reference.jacobian(x)), relative=1e-9)
     packed = lambda states: network.pack(reference.drives(states))  # noqa: E731
     assert_close(ours.drive_jacobian(x).toarray(), complex_step(packed, x))
@@ -246,9 +246,9 @@ def test_sources_in_neighbours_and_ends(kind):
     x, y = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
     state = network.pack(np.stack([x, y]))
     assert_conforms(kind, network, state)
-    moves = network.unpack(kind(network).rhs(state))
-    np.testing.assert_allclose(moves[0], (np.array([1, 10, 100]) * [5, 6, 0] + 0.5) / 2)
-    np.testing.assert_allclose(moves[1], 3 * np.array([7, 1, 2]) * y)
+    derivatives = network.unpack(kind(network).rhs(state))
+    np.testing.assert_allclose(derivatives[0], (np.array([1, 10, 100]) * [5, 6, 0] + 0.5) / 2)
+    np.testing.assert_allclose(derivatives[1], 3 * np.array([7, 1, 2]) * y)
 
 
 @every_evaluator

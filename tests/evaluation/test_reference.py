@@ -27,11 +27,11 @@ class TestEveryProblem:
     def test_a_batch_is_its_members(self, name, wired):
         network = wired(name)
         batch = near_start(network, 3, count=4).reshape(2, 2, -1)
-        moves = evaluator(network).rhs(batch)
-        assert moves.shape == batch.shape
+        derivatives = evaluator(network).rhs(batch)
+        assert derivatives.shape == batch.shape
         for place in np.ndindex(2, 2):
             np.testing.assert_allclose(
-                moves[place], evaluator(network).rhs(batch[place]), rtol=1e-13
+                derivatives[place], evaluator(network).rhs(batch[place]), rtol=1e-13
             )
 
 

@@ -46,7 +46,7 @@ every_coupled = pytest.mark.parametrize(
 
 def inverse_of(preconditioner: Preconditioner, row: ArrayLayout) -> np.ndarray:
     """M^{-1} (n, n)."""
-    return np.linalg.inv(preconditioner.moves(row, np.eye(len(row.state_rates))))
+    return np.linalg.inv(preconditioner.derivatives(row, np.eye(len(row.state_rates))))
 
 
 def least_squares_moves(inverse, drive, x, low, high) -> np.ndarray:
@@ -55,11 +55,11 @@ def least_squares_moves(inverse, drive, x, low, high) -> np.ndarray:
     least, most = np.where(x <= low, 0.0, -np.inf), np.where(x >= high, 0.0, np.inf)
     free = least < most
     target = scipy.linalg.solve_triangular(R, drive, trans=1)
-    moves = np.zeros(len(x))
+    derivatives = np.zeros(len(x))
     bounds = least[free], most[free]
     found = scipy.optimize.lsq_linear(R[:, free], target, bounds, method="bvls", tol=1e-15)
-    moves[free] = found.x
-    return moves
+    derivatives[free] = found.x
+    return derivatives
 
 
 def assert_close(actual, expected, relative=1e-12) -> None:
@@ -82,9 +82,9 @@ def test_projection_at_random_rails_is_bounded_least_squares(preconditioner, row
     low, high = np.where(rng.random((2, n)) < 0.7, [[-1.0], [1.0]], [[-np.inf], [np.inf]])
     x, drive = rng.choice([-1.0, 0.3, 1.0], n), rng.standard_normal(n)
     low[~coupled], high[~coupled] = -np.inf, np.inf
-    moves = projected(lambda held: found.clamp(row, held), drive, x, low, high, coupled)
+    derivatives = projected(lambda held: found.clamp(row, held), drive, x, low, high, coupled)
     expected = least_squares_moves(inverse_of(found, row), drive, x, low, high)
-    assert_close(moves, expected, 1e-9)
+    assert_close(derivatives, expected, 1e-9)
 
 
 @every_coupled
@@ -92,8 +92,8 @@ def test_clamp_of_no_neuron_is_the_preconditioner(preconditioner):
     network = wired_with("car", preconditioner)
     drive = np.random.default_rng(1).standard_normal(network.size)
     clamp = network.preconditioner.clamp(network.layout, np.zeros(network.size, bool))
-    moves, currents = clamp(drive)
-    assert_close(moves, network.preconditioner.moves(network.layout, drive))
+    derivatives, currents = clamp(drive)
+    assert_close(derivatives, network.preconditioner.derivatives(network.layout, drive))
     assert not currents.any()
 
 
@@ -123,9 +123,9 @@ def test_no_move_points_outward_at_a_rail(preconditioner, kind):
     low, high = rails_of(network)
     for seed in range(20):
         x = at_limits(network, seed)
-        moves = kind(network).rhs(x)
-        assert not moves[(x <= low)].min(initial=0.0) < 0.0
-        assert not moves[(x >= high)].max(initial=0.0) > 0.0
+        derivatives = kind(network).rhs(x)
+        assert not derivatives[(x <= low)].min(initial=0.0) < 0.0
+        assert not derivatives[(x >= high)].max(initial=0.0) > 0.0
 
 
 @every_evaluator
@@ -161,10 +161,10 @@ def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(preconditione
     ours, drives, off, held = kind(network), evaluator(unrailed(network)), 0, 0
     for seed in range(20):
         x = at_limits(network, seed)
-        drive, moves = network.pack(drives.drives(x)), ours.rhs(x)
+        drive, derivatives = network.pack(drives.drives(x)), ours.rhs(x)
         inward = np.where(x <= low, 1.0, np.where(x >= high, -1.0, 0.0))
-        off += int(((inward * drive < 0) & (moves != 0)).sum())
-        held += int(((inward * drive > 0) & (moves == 0)).sum())
+        off += int(((inward * drive < 0) & (derivatives != 0)).sum())
+        held += int(((inward * drive > 0) & (derivatives == 0)).sum())
     assert off
     assert held
 
@@ -280,8 +280,8 @@ def test_every_lane_holds_neurons_of_its_own(preconditioner):
     lanes, own = Lanes(evaluator(network).tape, Axis.SAMPLES), InterpretedEvaluator(network)
     for first in range(0, len(states) - 7 * lanes.lanes, 40):
         group = states[first :: lanes.lanes][: lanes.lanes]
-        moves = moves_of_lanes(lanes, group)
-        assert_close(moves, [own.rhs(x) for x in group])
+        derivatives = moves_of_lanes(lanes, group)
+        assert_close(derivatives, [own.rhs(x) for x in group])
         left = lanes.tables["drives"][lanes.components[None] + np.arange(lanes.lanes)[:, None]]
         assert_close(left, [network.pack(own.drives(x)) for x in group])
 

@@ -183,7 +183,7 @@ def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tm
 
 
 @pytest.mark.parametrize(
-    ("failure", "told"),
+    ("failure", "reported"),
     [
         (FileFormatError("a card is none"), "a card is none"),
         (ZeroDivisionError("by nothing"), "ZeroDivisionError: by nothing"),
@@ -191,17 +191,17 @@ def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tm
 )
 @pytest.mark.parametrize("part", ["write", "run"])
 def test_a_failure_of_any_kind_keeps_the_others(
-    network, tmp_path, monkeypatch, failure, told, part
+    network, tmp_path, monkeypatch, failure, reported, part
 ):
     def fails(*given, **settings):
         raise failure
 
     monkeypatch.setitem(FORMATS, FORMAT, replace(FORMATS[FORMAT], **{part: fails}))
     done = export_network(network, [FORMAT, "diagram"], tmp_path)
-    assert told in done[0].why_not
+    assert reported in done[0].why_not
     assert not (tmp_path / FORMAT).exists()
     assert done[1].files
-    with pytest.raises((ExportError, type(failure)), match=told.rpartition(": ")[2]):
+    with pytest.raises((ExportError, type(failure)), match=reported.rpartition(": ")[2]):
         export_network(network, FORMAT, tmp_path)
 
 
@@ -260,7 +260,7 @@ def killed_exports(network, folder, kills: int) -> int:
         export_network(given, FORMAT, folder / "whole")
         for name, content in contents(folder / "whole" / FORMAT).items():
             whole.setdefault(name, set()).add(content)
-    rng, told = random.Random(0), 0
+    rng, reported = random.Random(0), 0
     for _ in range(kills):
         driver = subprocess.Popen(
             [sys.executable, "-c", DRIVER, str(weights), str(out), FORMAT],
@@ -278,12 +278,12 @@ def killed_exports(network, folder, kills: int) -> int:
             assert content in whole[name], name
         if (out / FORMAT / "export.json").exists():
             [found] = inspect_export(out)
-            told += not found.good
+            reported += not found.good
             assert found.good or "interrupted" in found.wrong or "does not exist" in found.wrong
     export_network(network, FORMAT, out)
     assert inspect_export(out)[0].good
     assert not list((out / FORMAT).glob(".*.part"))
-    return told
+    return reported
 
 
 @pytest.mark.slow

@@ -103,8 +103,8 @@ def differences(folder, network, form="safetensors"):
     vector = steps_of(network)
     for name, content in weights_files(network, vector, form=form).items():
         (folder / name).write_bytes(content)
-    told = printed(folder, reader(f"network.{form}"))
-    return {k: off / max(1.0, np.abs(vector.early[k]).max()) for k, off in told.items()}
+    reported = printed(folder, reader(f"network.{form}"))
+    return {k: off / max(1.0, np.abs(vector.early[k]).max()) for k, off in reported.items()}
 
 
 @pytest.mark.sampled
@@ -148,8 +148,8 @@ def test_texts_of_an_export_tell_the_rule_of_rails_of_coupled_controls(kind, is_
     text = (done.folder / "README.md").read_text()
     [program] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     about = json.loads((done.folder / "manifest.json").read_text())["about"]
-    for told in ("projected" in program, "v = M (d + r)" in about):
-        assert told == is_clamped
+    for reported in ("projected" in program, "v = M (d + r)" in about):
+        assert reported == is_clamped
     assert max(printed(done.folder, program).values()) < 1e-12
 
 

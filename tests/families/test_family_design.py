@@ -129,14 +129,14 @@ print(digest.hexdigest())
 
 @pytest.mark.slow
 def test_two_passes_in_two_processes_give_the_same_bytes():
-    told = [
+    reported = [
         subprocess.run(
             [sys.executable, "-c", TWO_PASSES], capture_output=True, text=True, check=True
         ).stdout
         for _ in range(2)
     ]
-    assert told[0] == told[1]
-    assert len(told[0].strip()) == 64
+    assert reported[0] == reported[1]
+    assert len(reported[0].strip()) == 64
 
 
 def test_held_out_inputs_are_independent_and_those_of_a_list_have_no_interval():

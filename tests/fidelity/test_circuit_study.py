@@ -112,29 +112,29 @@ def test_the_noise_of_both_signs_is_not_known():
 def test_a_prediction_tells_whether_it_is_near():
     found = unsimulated()
     assert found.prediction is not None
-    assert found.near
+    assert found.within_tolerance
     far = replace(found.prediction, control_error=1.01 * NEAR)
-    assert not replace(found, prediction=far).near
+    assert not replace(found, prediction=far).within_tolerance
     heard = replace(found, noise=1.01 * NEAR)
-    assert not heard.near
+    assert not heard.within_tolerance
     assert "noise of 1.0% rms of the largest one is on its controls" in heard.shortcoming
     both = replace(found.prediction, control_error=0.8 * NEAR)  # as rms, 0.8 and 0.7 are above 1
-    assert not replace(found, prediction=both, noise=0.7 * NEAR).near
-    assert replace(found, prediction=both, noise=0.5 * NEAR).near
-    assert replace(found, prediction=both, noise=float("nan")).near
+    assert not replace(found, prediction=both, noise=0.7 * NEAR).within_tolerance
+    assert replace(found, prediction=both, noise=0.5 * NEAR).within_tolerance
+    assert replace(found, prediction=both, noise=float("nan")).within_tolerance
     unknown = replace(found, prediction=None)
     assert unknown.unknown
-    assert not unknown.near
+    assert not unknown.within_tolerance
 
 
 @needs_ngspice
 def test_a_run_tells_before_a_prediction_does():
     found = study_circuit(network(), SpiceBackend(level=macro()))
     assert found.run is not None
-    assert found.near
+    assert found.within_tolerance
     assert found.prediction is not None
     unstable = replace(found.prediction, control_error=1.0)
-    assert replace(found, prediction=unstable).near
+    assert replace(found, prediction=unstable).within_tolerance
     assert found.deck is found.run.deck
 
 

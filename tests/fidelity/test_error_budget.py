@@ -11,7 +11,7 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.error_budget import budget, sensitivity, total_error
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.deviations import draw, snapped
+from ann_dc.hardware.circuit.deviations import draw, rounded_to_series
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
@@ -213,7 +213,9 @@ def half_step(series: Series) -> float:
 
 @pytest.mark.parametrize("series", SINGLES, ids=lambda series: series.name)
 def test_a_resistor_is_off_by_half_a_step_at_most(series):
-    deviations = {n: d for n, d in snapped(prepared()[0], series).items() if n.startswith("r")}
+    deviations = {
+        n: d for n, d in rounded_to_series(prepared()[0], series).items() if n.startswith("r")
+    }
     assert deviations
     largest = max(np.abs(np.log1p(d)).max() for d in deviations.values())
     assert 0.1 * half_step(series) < largest <= half_step(series) + 1e-12
@@ -222,7 +224,7 @@ def test_a_resistor_is_off_by_half_a_step_at_most(series):
 def test_what_is_snapped_can_be_bought():
     circuit, _ = prepared()
     alias = circuit.alias
-    deviations = snapped(circuit, E24)
+    deviations = rounded_to_series(circuit, E24)
     assert deviations.keys() <= {p.name for p in circuit.parameters}
     for part, ohms in circuit.resistors.items():
         for number, row in enumerate(ohms):
@@ -241,7 +243,7 @@ def test_what_is_snapped_can_be_bought():
 )
 def test_capacitors_are_of_a_coarser_series_and_move_no_control(series, bought):
     circuit, _ = prepared()
-    deviations = snapped(circuit, series)
+    deviations = rounded_to_series(circuit, series)
     off = {name: each for name, each in deviations.items() if name.startswith("c_")}
     listed = [p for p in circuit.parameters if p.name in off]
     assert {p.part for p in listed} == {*circuit.capacitors}
@@ -255,7 +257,7 @@ def test_capacitors_are_of_a_coarser_series_and_move_no_control(series, bought):
 @pytest.mark.parametrize("series", [*SINGLES, *PAIRS], ids=lambda series: series.name)
 def test_the_same_resistor_is_off_by_the_same_in_every_cell(series):
     circuit, _ = prepared()
-    deviations, alias = snapped(circuit, series), circuit.alias
+    deviations, alias = rounded_to_series(circuit, series), circuit.alias
     for part, ohms in circuit.resistors.items():
         for number, row in enumerate(ohms):
             name = f"r_{alias[part]}_{number}"
@@ -266,14 +268,14 @@ def test_the_same_resistor_is_off_by_the_same_in_every_cell(series):
 
 
 def test_exact_resistors_are_not_off():
-    assert snapped(prepared()[0], EXACT) == {}
+    assert rounded_to_series(prepared()[0], EXACT) == {}
     np.testing.assert_array_equal(EXACT.nearest(np.array([1.234, np.inf])), [1.234, np.inf])
 
 
 def test_pairs_move_the_controls_less_and_the_slopes_say_how_far():
     shifts = {}
     for series in (E24, E96, E96_PAIRS):
-        deviations = snapped(prepared()[0], series)
+        deviations = rounded_to_series(prepared()[0], series)
         shifts[series], predicted = moved(deviations), found().shift(deviations)
         size = max(np.abs(d).max() for n, d in deviations.items() if n.startswith("r"))
         np.testing.assert_allclose(

@@ -24,9 +24,9 @@ def test_a_preconditioner_asks_for_faster_op_amps(kind):
     circuit, probe = SpiceBackend(level=macro()).prepare(
         with_preconditioner("double_integrator", kind, 5)
     )
-    margin = smallest_margin(circuit, macro(), probe)
-    assert 1 < margin < 1000
-    assert fitting_margin(circuit, macro(), probe) == 1.5 * margin
+    bandwidth_margin = smallest_margin(circuit, macro(), probe)
+    assert 1 < bandwidth_margin < 1000
+    assert fitting_margin(circuit, macro(), probe) == 1.5 * bandwidth_margin
 
 
 def test_without_a_preconditioner_the_usual_margin_fits():
@@ -79,8 +79,8 @@ def test_offsets_of_the_car_ask_for_all_of_the_scale():
 def test_what_is_declared_is_kept():
     network = with_preconditioner("double_integrator", PreconditionerKind.DIAGONAL, 5)
     declared = {"mu.x": (-5000.0, 6000.0)}
-    backend = SpiceBackend(level=macro(), intervals=declared, margin=12.0)
+    backend = SpiceBackend(level=macro(), intervals=declared, bandwidth_margin=12.0)
     chosen = fitted(backend, network)
     assert chosen.intervals["mu.x"] == declared["mu.x"]
-    assert chosen.margin == 12.0
+    assert chosen.bandwidth_margin == 12.0
     assert len(chosen.intervals) > 1

@@ -12,14 +12,14 @@ from ann_dc.backends.recurrent import backend as recurrent_backend
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
 from ann_dc.fidelity.level_comparison import (
+    ComparedLevel,
     Group,
-    Ladder,
+    LevelComparison,
     Measured,
-    Rung,
-    _ode_rung,
-    _recurrent_rung,
+    _ode_level,
+    _recurrent_level,
     compare_levels,
-    rungs,
+    compared_levels,
 )
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
@@ -44,19 +44,19 @@ def network() -> Network:
 @cache
 def foot():
     """(first rung, probe run)."""
-    return _ode_rung(network())
+    return _ode_level(network())
 
 
-def all_rungs(**given) -> tuple[Rung, ...]:
-    return rungs(network(), foot()[1], **given)
+def all_rungs(**given) -> tuple[ComparedLevel, ...]:
+    return compared_levels(network(), foot()[1], **given)
 
 
-def climbed(*steps: Rung, **given) -> list[Measured]:
-    return list(Ladder(**given).run(network(), steps))
+def climbed(*steps: ComparedLevel, **given) -> list[Measured]:
+    return list(LevelComparison(**given).run(network(), steps))
 
 
-def rung_of(name: str) -> Rung:
-    (found,) = (rung for rung in all_rungs() if rung.name.startswith(name))
+def rung_of(name: str) -> ComparedLevel:
+    (found,) = (compared for compared in all_rungs() if compared.name.startswith(name))
     return found
 
 
@@ -65,17 +65,17 @@ def rung_of(name: str) -> Rung:
 
 def test_every_level_stands_once_on_the_ladder():
     steps = all_rungs()
-    names = [rung.name for rung in steps]
+    names = [compared.name for compared in steps]
     assert len(set(names)) == len(names)
-    levels = [rung.level.name for rung in steps]
+    levels = [compared.level.name for compared in steps]
     for name in ("behavioural", "ota-c", "macro, differential", "switched-capacitor", "transistor"):
         assert levels.count(name) == 1, name
-    assert {rung.name for rung in steps if rung.level.name in presets.names()} == set(
+    assert {compared.name for compared in steps if compared.level.name in presets.names()} == set(
         presets.names()
     )
     assert levels[0] == "behavioural"
     assert levels[-1] == "transistor"
-    assert [rung.level.name for rung in steps if rung.slow] == ["switched-capacitor"]
+    assert [compared.level.name for compared in steps if compared.slow] == ["switched-capacitor"]
 
 
 def differences(datasheet: Datasheet, ideal: Datasheet) -> set[str]:
@@ -92,24 +92,24 @@ def test_every_defect_stands_alone():
     base = presets.get("opa192_ad734")
     ideal = Datasheet(a0=1e8, gbw=base.datasheet.gbw, tolerances=Tolerances())
     found = []
-    for rung in all_rungs(base=base.name):
-        assert (rung.group is Group.ALONE) == rung.name.endswith("alone")
-        if rung.group is not Group.ALONE:
+    for compared in all_rungs(base=base.name):
+        assert (compared.group is Group.ALONE) == compared.name.endswith("alone")
+        if compared.group is not Group.ALONE:
             continue
-        off = differences(rung.level.datasheet, ideal)
+        off = differences(compared.level.datasheet, ideal)
         found.append(off or {"series"})
         for name in off:
-            home = (rung.level.datasheet, base.datasheet)
+            home = (compared.level.datasheet, base.datasheet)
             if name not in {f.name for f in fields(Datasheet)}:
                 home = tuple(datasheet.tolerances for datasheet in home)
             assert getattr(home[0], name) == getattr(home[1], name)
-        assert (rung.series is E96) == (not off)
-        assert (rung.seed is not None) == (
+        assert (compared.series is E96) == (not off)
+        assert (compared.seed is not None) == (
             off <= {f.name for f in fields(Tolerances)} and bool(off)
         )
-        assert rung.level.full_scale == base.full_scale
+        assert compared.level.full_scale == base.full_scale
     assert found == [
-        *({"a0"}, {"slew"}, {"rails"}, {"multiplier_bandwidth", "function_bandwidth"}),
+        *({"a0"}, {"slew"}, {"output_swing"}, {"multiplier_bandwidth", "function_bandwidth"}),
         *({"offset"}, {"resistor"}, {"gain"}, {"product_offset"}, {"series"}),
     ]
 
@@ -124,8 +124,12 @@ def test_resistors_of_a_series_are_predicted_and_measured():
 
 
 def test_a_seed_is_that_of_every_rung_with_errors():
-    assert {rung.seed for rung in all_rungs(seed=7)} == {None, 7}
-    assert all(rung.seed == 7 for rung in all_rungs(seed=7) if rung.level.name in presets.names())
+    assert {compared.seed for compared in all_rungs(seed=7)} == {None, 7}
+    assert all(
+        compared.seed == 7
+        for compared in all_rungs(seed=7)
+        if compared.level.name in presets.names()
+    )
 
 
 # ---- climbing ------------------------------------------------------------------------------------
@@ -135,11 +139,11 @@ def test_a_seed_is_that_of_every_rung_with_errors():
 def test_predicted_and_measured_agree_on_every_rung_that_has_both():
     """5 % of the figure, and nothing that the ODE would not be off by."""
     steps = (
-        Rung(name="behavioural", level=BEHAVIOURAL),
-        Rung(name="macro", level=macro()),
+        ComparedLevel(name="behavioural", level=BEHAVIOURAL),
+        ComparedLevel(name="macro", level=macro()),
         rung_of("resistors"),
         rung_of("E96"),
-        Rung(name="preset", level=presets.get("opa192_ad734"), seed=1),
+        ComparedLevel(name="preset", level=presets.get("opa192_ad734"), seed=1),
     )
     done = climbed(*steps)
     assert [(m.name, m.group, m.level) for m in done] == [(r.name, r.group, r.level) for r in steps]
@@ -162,7 +166,7 @@ def test_predicted_and_measured_agree_on_every_rung_that_has_both():
 @needs_ngspice
 def test_transistors_and_transconductors_are_climbed_too():
     ota, silicon = climbed(
-        Rung(name="ota", level=ota_c()), Rung(name="transistor", level=TRANSISTOR)
+        ComparedLevel(name="ota", level=ota_c()), ComparedLevel(name="transistor", level=TRANSISTOR)
     )
     assert ota.predicted_error == pytest.approx(ota.error, rel=0.05)
     assert ota.predicted_settling == pytest.approx(ota.settling, rel=0.05)
@@ -175,8 +179,11 @@ def test_transistors_and_transconductors_are_climbed_too():
 @needs_ngspice
 def test_a_rung_that_oscillates_says_so_and_the_next_ones_are_climbed():
     meaning = []
-    steps = (Rung(name="macro", level=macro()), Rung(name="ideal", level=BEHAVIOURAL))
-    rings, settles = climbed(*steps, margin=2.0, progress=meaning.append)
+    steps = (
+        ComparedLevel(name="macro", level=macro()),
+        ComparedLevel(name="ideal", level=BEHAVIOURAL),
+    )
+    rings, settles = climbed(*steps, bandwidth_margin=2.0, progress=meaning.append)
     assert rings.why == "the pole model says that it oscillates"
     assert np.isnan([rings.settling, rings.predicted_error, rings.predicted_settling]).all()
     assert settles.why == ""
@@ -186,7 +193,9 @@ def test_a_rung_that_oscillates_says_so_and_the_next_ones_are_climbed():
 
 @pytest.mark.usefixtures("endless_ngspice")
 def test_a_rung_that_ngspice_does_not_finish_says_why_in_a_line():
-    found = climbed(*2 * (Rung(name="ideal", level=BEHAVIOURAL),), simulator=Ngspice(timeout=0.2))
+    found = climbed(
+        *2 * (ComparedLevel(name="ideal", level=BEHAVIOURAL),), simulator=Ngspice(timeout=0.2)
+    )
     for m in found:
         assert m.why.startswith("ngspice was ended after 0.2 s")
         assert "\n" not in m.why
@@ -202,13 +211,13 @@ def test_a_level_that_cannot_be_built_is_told():
     problem = plants.car(N=4)
     curved = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     steps = (
-        Rung(
+        ComparedLevel(
             name="broken",
             level=replace(TRANSISTOR, functions=Polynomial(tolerance=1e-12, most_terms=2)),
         ),
-        Rung(name="whole", level=macro()),
+        ComparedLevel(name="whole", level=macro()),
     )
-    broken, whole = Ladder().run(curved, steps)
+    broken, whole = LevelComparison().run(curved, steps)
     assert "a polynomial of 2 terms is" in broken.why
     assert broken.run is None
     assert whole.why == ""
@@ -217,7 +226,7 @@ def test_a_level_that_cannot_be_built_is_told():
 def test_without_ngspice_there_is_no_ladder(monkeypatch):
     monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
     with pytest.raises(NgspiceMissing):
-        climbed(Rung(name="ideal", level=BEHAVIOURAL))
+        climbed(ComparedLevel(name="ideal", level=BEHAVIOURAL))
 
 
 # ---- the foot of the ladder ----------------------------------------------------------------------
@@ -230,7 +239,7 @@ def test_the_first_rungs_are_computed_digitally():
     assert first.error < 1e-5
     assert first.settling > 0
     assert np.isnan([first.power, first.energy, first.predicted_error]).all()
-    second = _recurrent_rung(network(), probe)
+    second = _recurrent_level(network(), probe)
     assert second.error < 1e-5
     assert np.isnan(second.settling)  # it has steps, and no seconds
 
@@ -238,9 +247,9 @@ def test_the_first_rungs_are_computed_digitally():
 def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
     """Where the steps would be those of layers: for a wiring that has no code."""
     forget_torch(monkeypatch)
-    assert _recurrent_rung(network(), foot()[1]).error < 1e-5
+    assert _recurrent_level(network(), foot()[1]).error < 1e-5
     monkeypatch.setattr(recurrent_backend, "refusal", lambda _: "no code")
-    found = _recurrent_rung(network(), foot()[1])
+    found = _recurrent_level(network(), foot()[1])
     assert "pip install 'ann-dc[torch]'" in found.why
     assert np.isnan(found.error)
 
@@ -252,8 +261,8 @@ def test_the_report_has_every_rung_that_is_wanted_in_order(monkeypatch):
     monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
     lines = []
     timed = [SolverTiming(name="a solver", seconds=1e-3, iterations=5, objective=1.0)]
-    ladder = Ladder(progress=lines.append)
-    done = list(compare_levels(network(), ladder, wanted=lambda rung: False, timings=timed))
+    comparison = LevelComparison(progress=lines.append)
+    done = list(compare_levels(network(), comparison, wanted=lambda compared: False, timings=timed))
     assert [m.name.split(",")[0] for m in done[:2]] == ["ODE", "recurrent layer"]
     assert [(m.name, m.settling) for m in done[2:]] == [("a solver on this CPU", 1e-3)]
     assert {m.group for m in done} == {Group.DIGITAL}
@@ -263,10 +272,10 @@ def test_the_report_has_every_rung_that_is_wanted_in_order(monkeypatch):
 @needs_ngspice
 def test_slow_rungs_are_left_out_unless_they_are_wanted(monkeypatch):
     steps = (
-        Rung(name="ideal", level=BEHAVIOURAL),
-        Rung(name="too slow", level=BEHAVIOURAL, slow=True),
+        ComparedLevel(name="ideal", level=BEHAVIOURAL),
+        ComparedLevel(name="too slow", level=BEHAVIOURAL, slow=True),
     )
-    monkeypatch.setattr("ann_dc.fidelity.level_comparison.rungs", lambda *_, **__: steps)
+    monkeypatch.setattr("ann_dc.fidelity.level_comparison.compared_levels", lambda *_, **__: steps)
     names = [m.name for m in compare_levels(network())]
     assert "ideal" in names
     assert "too slow" not in names

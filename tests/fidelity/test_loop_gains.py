@@ -28,17 +28,17 @@ GBW, A0 = 10e6, 1e6
 LEVEL = macro(gbw=GBW, a0=A0)
 
 
-def made(network: Network, level=LEVEL, margin: float = 10.0) -> CircuitInstance:
-    circuit, probe = SpiceBackend(level=level, margin=margin).prepare(network)
+def made(network: Network, level=LEVEL, bandwidth_margin: float = 10.0) -> CircuitInstance:
+    circuit, probe = SpiceBackend(level=level, bandwidth_margin=bandwidth_margin).prepare(network)
     return CircuitInstance(circuit=circuit, level=level, probe=probe)
 
 
 @cache
-def plant(margin: float = 10.0, stages: int = 2) -> CircuitInstance:
+def plant(bandwidth_margin: float = 10.0, stages: int = 2) -> CircuitInstance:
     problem = plants.double_integrator(N=stages)
     return made(
         design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network,
-        margin=margin,
+        bandwidth_margin=bandwidth_margin,
     )
 
 
@@ -88,7 +88,10 @@ def test_a_second_pole_lies_in_the_loop(pole):
 
 
 def test_margins_shrink_as_op_amps_get_slower_against_the_network():
-    worst = [loops_of(plant(margin))[0].phase_margin for margin in (20.0, 10.0, 6.0, 5.0)]
+    worst = [
+        loops_of(plant(bandwidth_margin))[0].phase_margin
+        for bandwidth_margin in (20.0, 10.0, 6.0, 5.0)
+    ]
     assert worst == sorted(worst, reverse=True)
     assert worst[0] > 60
     assert 0 < worst[-1] < 20
@@ -152,9 +155,9 @@ def measured_margin(instance: CircuitInstance, node: str, stage: int) -> tuple[f
 
 
 @needs_ngspice
-@pytest.mark.parametrize("margin", [10.0, 6.0])
-def test_ngspice_finds_the_same_margins_at_the_settled_point(margin):
-    instance = plant(margin)
+@pytest.mark.parametrize("bandwidth_margin", [10.0, 6.0])
+def test_ngspice_finds_the_same_margins_at_the_settled_point(bandwidth_margin):
+    instance = plant(bandwidth_margin)
     for loop in (*loops_of(instance)[:4], loops_of(instance)[-1]):
         hertz, degrees = measured_margin(instance, loop.node, loop.stage)
         assert hertz == pytest.approx(loop.crossover, rel=0.01)

@@ -123,7 +123,7 @@ def leaky():
     )
     level = macro(a0=1e6)
     network = Network(cell=cell, stages=100, inputs={"drive": 1.0})
-    circuit, probe = SpiceBackend(level=level, margin=100).prepare(network)
+    circuit, probe = SpiceBackend(level=level, bandwidth_margin=100).prepare(network)
     emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     return Settled(emulation=emulation, x=x)
@@ -178,7 +178,7 @@ def with_offset(circuit, offset: float) -> Network:
 )
 def test_the_noise_of_a_multiplier_behind_an_integrator_with_a_leak(band, rails):
     """e_m^2 / (4 R C) of the lag that follows, less what the multiplier's own pole takes."""
-    level = macro(a0=1e8, multiplier_bandwidth=band, multiplier_rails=rails)
+    level = macro(a0=1e8, multiplier_bandwidth=band, multiplier_output_swing=rails)
     wires = [("drive", "u.x"), ("u.x", "u.x"), ("drive", "v"), ("v", "v"), ("vv", "u.x")]
     cell = Cell(
         neurons=(Neuron(name="u.x"), Neuron(name="v")),
@@ -189,7 +189,7 @@ def test_the_noise_of_a_multiplier_behind_an_integrator_with_a_leak(band, rails)
         ),
     )
     network = Network(cell=cell, stages=1, inputs={"drive": 1.0})
-    circuit, probe = SpiceBackend(level=level, margin=100).prepare(network)
+    circuit, probe = SpiceBackend(level=level, bandwidth_margin=100).prepare(network)
     emulation = emulate(circuit, level)
     x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     noise = Noise(step=1.0, temperature=0.0, multiplier=1e-6)

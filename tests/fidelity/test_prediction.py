@@ -21,7 +21,7 @@ from ann_dc.fidelity.fitting import smallest_margin
 from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, predict, prediction_of
 from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.circuit.deviations import rounded_to_series
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts import presets
@@ -44,9 +44,11 @@ def neighbour_wired(name: str) -> Network:
 
 
 @cache
-def prepared(name: str, margin: float = 10.0):
+def prepared(name: str, bandwidth_margin: float = 10.0):
     """(components, probe run) for op amps of 10 MHz."""
-    return SpiceBackend(level=macro(), margin=margin).prepare(neighbour_wired(name))
+    return SpiceBackend(level=macro(), bandwidth_margin=bandwidth_margin).prepare(
+        neighbour_wired(name)
+    )
 
 
 @cache
@@ -57,7 +59,9 @@ def margin_of(name: str) -> float:
 
 def ringing(**given) -> SpiceBackend:
     """The double integrator's circuit with op amps that are a fifth too slow."""
-    return SpiceBackend(level=macro(), margin=0.8 * margin_of("double_integrator"), **given)
+    return SpiceBackend(
+        level=macro(), bandwidth_margin=0.8 * margin_of("double_integrator"), **given
+    )
 
 
 # ---- prediction and measurement ------------------------------------------------------------------
@@ -101,7 +105,7 @@ def test_one_defect_alone(level):
 @needs_ngspice
 def test_resistors_from_a_series():
     circuit, probe = prepared("double_integrator")
-    off = snapped(circuit, E24)
+    off = rounded_to_series(circuit, E24)
     meaning = predict(circuit, macro(), probe, off)
     run = simulate(SpiceBackend(level=macro()), circuit, probe, off)
     assert meaning.control_error == pytest.approx(run.control_error, rel=0.01)
@@ -135,13 +139,13 @@ def test_the_smallest_margin_parts_circuits_that_settle_from_those_that_ring(nam
     smallest = margin_of(name)
     assert 1 < smallest < 10
     for share, stable in ((0.98, False), (1.03, True)):
-        circuit, probe = prepared(name, margin=share * smallest)
+        circuit, probe = prepared(name, bandwidth_margin=share * smallest)
         abscissa = pole_spectrum(emulate(circuit, macro()), probe.final).abscissa
         assert (abscissa < 0) == stable, share
 
 
 def test_the_smallest_margin_does_not_depend_on_the_one_that_was_used():
-    circuit, probe = prepared("double_integrator", margin=33.0)
+    circuit, probe = prepared("double_integrator", bandwidth_margin=33.0)
     found = smallest_margin(circuit, macro(), probe)
     assert found == pytest.approx(margin_of("double_integrator"), rel=0.01)
 
@@ -158,8 +162,8 @@ def test_an_unstable_circuit_is_predicted_not_to_settle():
 def test_the_backend_refuses_an_unstable_circuit_before_ngspice_starts(monkeypatch):
     monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
     backend = ringing()
-    margin = re.escape(f"at margin {backend.margin:g};")
-    with pytest.raises(NetworkError, match=rf"unstable .*\+.* of 1e\+07 Hz .*{margin}"):
+    bandwidth_margin = re.escape(f"at margin {backend.bandwidth_margin:g};")
+    with pytest.raises(NetworkError, match=rf"unstable .*\+.* of 1e\+07 Hz .*{bandwidth_margin}"):
         backend.run(neighbour_wired("double_integrator"))
 
 
@@ -184,7 +188,7 @@ SQUARE = Cell(
 )
 """dx/ds = 1 - x^2: settles at 1 from above -1, and runs away from below."""
 
-PARTS = macro(a0=1e8, rails=1.2)
+PARTS = macro(a0=1e8, output_swing=1.2)
 HEADROOM = SpiceBackend().headroom
 
 
@@ -227,8 +231,8 @@ def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, cli
         return
     assert isinstance(found, Unpredicted)
     assert found.reason is Reason.CLIPPED
-    told = r"^prediction: .* at their rails: x of cell 0.*; no headroom would do: .* diverged"
-    with pytest.raises(NetworkError, match=told):
+    reported = r"^prediction: .* at their rails: x of cell 0.*; no headroom would do: .* diverged"
+    with pytest.raises(NetworkError, match=reported):
         predict(instance.circuit, PARTS, instance.probe, instance.deviations)
 
 
@@ -331,19 +335,21 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
     """
     problem = plants.bicycle(N=16)
     network = design(synthesize(problem), gain_rule=DIAGONAL_RULE).network
-    study = study_circuit(network, SpiceBackend(level=macro(), margin=15), simulated=False)
+    study = study_circuit(
+        network, SpiceBackend(level=macro(), bandwidth_margin=15), simulated=False
+    )
     found = study.prediction
     assert found.stable
     assert found.control_error < 1e-2
     assert np.isnan(found.settling_time)
-    assert found.astray.startswith("its transient ")
-    assert not study.near
-    assert found.astray in study.shortcoming
+    assert found.other_equilibrium.startswith("its transient ")
+    assert not study.within_tolerance
+    assert found.other_equilibrium in study.shortcoming
 
 
 def test_a_circuit_that_settles_is_not_said_to_be_lost():
     circuit, probe = prepared("car")
-    assert predict(circuit, macro(), probe).astray == ""
+    assert predict(circuit, macro(), probe).other_equilibrium == ""
 
 
 def saddle_flow() -> Network:

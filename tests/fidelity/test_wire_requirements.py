@@ -52,7 +52,7 @@ def test_the_lag_is_that_of_the_nodes_of_a_grid():
     x = settled(network)
     found, ideal = preconditioner_demand(network, x), spectrum(network, x).abscissa
     for share, slower in ((0.9, False), (1.25, True)):
-        backend = SpiceBackend(level=macro(), margin=1e6, node_lag=share * found.lag)
+        backend = SpiceBackend(level=macro(), bandwidth_margin=1e6, node_lag=share * found.lag)
         circuit, probe = backend.prepare(network)
         rate = pole_spectrum(emulate(circuit, backend.level), probe.final).abscissa
         assert (rate > ideal / 2) == slower

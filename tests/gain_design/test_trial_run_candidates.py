@@ -30,11 +30,11 @@ def factors(ratio) -> list[float]:
     """Factors that are tried, where ``ratio`` is of the factor."""
     tried = []
 
-    def told(penalty_factor: float) -> float:
+    def reported(penalty_factor: float) -> float:
         tried.append(penalty_factor / BOOST)
         return ratio(tried[-1])
 
-    downhill(told, BOOST)
+    downhill(reported, BOOST)
     return tried
 
 
@@ -165,14 +165,14 @@ def test_what_a_long_row_chooses_settles_nearly_as_fast(name, monkeypatch):
     assert found.best.settling < 1.15 * thorough.best.settling
 
 
-@pytest.mark.parametrize("told", ["spectrum: product", "freeze: rehearsed"])
-def test_a_comparison_can_be_ended_in_the_middle(told, monkeypatch):
+@pytest.mark.parametrize("reported", ["spectrum: product", "freeze: rehearsed"])
+def test_a_comparison_can_be_ended_in_the_middle(reported, monkeypatch):
     """Of a spectrum or of a rehearsal, which take seconds on a long row."""
     monkeypatch.setattr(Paced.__init__, "__defaults__", (0.0,))
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
 
     def stop(line: str) -> None:
-        if line.startswith(told):
+        if line.startswith(reported):
             raise Stopped("enough")
 
     point = settled("car")

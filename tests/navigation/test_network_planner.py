@@ -38,7 +38,7 @@ def planner():
 def test_a_robot_gets_round_what_stands_in_its_way(planner):
     (journey,) = drive([world(disc((1.5, -0.1), 0.35))], planner)
     assert (journey.arrived, journey.collided) == (True, False)
-    assert journey.pressed.max() > 0.01  # it was a contact
+    assert journey.relative_multiplier.max() > 0.01  # it was a contact
     assert np.median(journey.residuals) < 1e-3
     assert (journey.spent <= planner.budget + 1e-6).all()
 
@@ -49,11 +49,11 @@ def test_a_plan_is_the_optimum_of_what_the_network_was_told(planner):
     yard = world(disc((1.3, -0.1), 0.35))
     driver = planner.begin()
     plan = driver.plan([Situation(yard, 0, yard.start, 0.0)])[0]
-    told = {name: values[0] for name, values in driver.batch.inputs.items()}
+    reported = {name: values[0] for name, values in driver.batch.inputs.items()}
     problem = planner.planning.problem
-    inputs = {symbol: told[str(symbol)] for symbol in problem.inputs}
+    inputs = {symbol: reported[str(symbol)] for symbol in problem.inputs}
     exact = ipopt(replace(problem, inputs=inputs, q_0=yard.start), guess=(plan.q, plan.u))
-    assert plan.pressed > 1e-3
+    assert plan.relative_multiplier > 1e-3
     assert plan.residual < 1e-7
     np.testing.assert_allclose(plan.u, exact.u, atol=1e-4)
     np.testing.assert_allclose(plan.q, exact.q, atol=1e-4)
@@ -112,7 +112,7 @@ def test_nonlinear_cells_with_discs_drive_too():
     planner = planner_for(planning, worlds=TRAINING)
     (journey,) = drive([world(disc((1.5, -0.1), 0.35))], planner)
     assert (journey.arrived, journey.collided) == (True, False)
-    assert journey.pressed.max() > 0.01
+    assert journey.relative_multiplier.max() > 0.01
 
 
 @pytest.mark.slow

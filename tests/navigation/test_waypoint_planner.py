@@ -11,7 +11,7 @@ from ann_dc.navigation.scenario import Scenario
 from ann_dc.navigation.waypoint_planner import WaypointPlanner
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import unicycle_robot
-from ann_dc.problem.robot_planning import leg_problem
+from ann_dc.problem.robot_planning import segment_problem
 
 ROBOT = unicycle_robot(speed=2.0)
 
@@ -19,7 +19,7 @@ ROBOT = unicycle_robot(speed=2.0)
 @pytest.fixture(scope="module")
 def planner():
     """Gains of one leg will do for legs nearly straight ahead."""
-    problem = leg_problem(ROBOT, stages=10, reach=3.0)
+    problem = segment_problem(ROBOT, stages=10, reach=3.0)
     network = apply_gains(
         synthesize(problem), design(problem, preconditioner=PreconditionerKind.MULTILEVEL).gains
     )

@@ -87,9 +87,9 @@ def test_random_hessians_of_any_sign(way):
         largest = np.abs(values).max(initial=0.0)
         if answer(values, largest) is Minimum.FLAT:
             continue
-        told = way(expansion)
-        assert told is answer(values, largest), (J.shape, fixed_start, fixed, values)
-        seen[told] += 1
+        reported = way(expansion)
+        assert reported is answer(values, largest), (J.shape, fixed_start, fixed, values)
+        seen[reported] += 1
     assert seen[Minimum.STRICT] > 300
     assert seen[Minimum.NOT_A_MINIMUM] > 300
 
@@ -106,9 +106,9 @@ def test_semidefinite_hessians_and_constraints_that_repeat(way):
         W = root @ np.diag(rng.choice([1.0, 1.0, 1.0, -1.0], root.shape[2])) @ root.swapaxes(1, 2)
         root = rng.integers(-1, 2, (n, 1)) * 1.0
         expansion = expanded(J, W, root @ root.T, fixed_start, fixed)
-        told = way(expansion)
-        assert told is answer(eigenvalues(expansion), 1.0), (J, W, root, fixed_start, fixed)
-        seen[told] += 1
+        reported = way(expansion)
+        assert reported is answer(eigenvalues(expansion), 1.0), (J, W, root, fixed_start, fixed)
+        seen[reported] += 1
     assert min(seen[each] for each in (STRICT, FALLING, FLAT)) > 100
 
 
@@ -127,9 +127,9 @@ def test_random_points_of_plants(name):
             values = eigenvalues(expansion)
             largest = np.abs(values).max()
             if np.abs(values[0]) > 1e-6 * largest:
-                told = minimum_of(expansion)
-                assert told is answer(values, largest), (problem, values)
-                seen[told] += 1
+                reported = minimum_of(expansion)
+                assert reported is answer(values, largest), (problem, values)
+                seen[reported] += 1
     assert seen.total() > 15
 
 
@@ -141,10 +141,10 @@ def test_units_do_not_matter(seed, name):
     other = written_in(problem, units)
     for pull in (0.01, 0.3, 3.0, 100.0):
         q, u, mu = random_point(problem, rng, pull=pull)
-        told = minimum_of(Expansion.at(problem, q, u, mu))
+        reported = minimum_of(Expansion.at(problem, q, u, mu))
         state, control = units.state[:, None], units.control[:, None]
         there = q / state, u / control, mu * state / units.cost
-        assert minimum_of(Expansion.at(other, *there)) is told
+        assert minimum_of(Expansion.at(other, *there)) is reported
 
 
 # ---- closed forms, long rows -------------------------------------------------------------------

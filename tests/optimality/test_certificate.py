@@ -113,8 +113,8 @@ def test_saddles_fail_the_second_order(c, fixed):
     given = certified(problem, q, a[None], mu, beta)
     values = np.linalg.eigvalsh(H)
     assert given.kkt_residual < 1e-12
-    told = smallest_curvature(problem, q, a[None], mu)
-    np.testing.assert_allclose(told, values[0] / abs(values[-1]), rtol=1e-9)
+    reported = smallest_curvature(problem, q, a[None], mu)
+    np.testing.assert_allclose(reported, values[0] / abs(values[-1]), rtol=1e-9)
     assert given.second_order == (values[0] > 0)
     assert given.second_order == (c < 1)
     assert ("NOT a minimum" in str(given)) == (c > 1)
@@ -372,9 +372,9 @@ def test_second_order_is_not_stated_where_the_first_order_fails():
     assert certificate.second_order
     assert not certificate.first_order
     assert not certificate.certified
-    for told in (str(certificate), certificate.verdict, certificate.reason):
-        assert "strict local minimum" not in told
-        assert "the KKT residual" in told
+    for reported in (str(certificate), certificate.verdict, certificate.reason):
+        assert "strict local minimum" not in reported
+        assert "the KKT residual" in reported
 
 
 def test_second_order_is_not_stated_of_a_point_that_violates_a_row():

@@ -351,6 +351,10 @@ def test_other_units_change_nothing(name, seed, optima):
     )  # fmt: skip
     here = certify(problem, *point.kkt)
     assert there.certified, there.reason
-    kept, told = here.complementarity, there.complementarity
-    assert (told.strong, told.weak, told.inactive) == (kept.strong, kept.weak, kept.inactive)
-    assert told.product == pytest.approx(kept.product, abs=1e-10)
+    kept, reported = here.complementarity, there.complementarity
+    assert (reported.strong, reported.weak, reported.inactive) == (
+        kept.strong,
+        kept.weak,
+        kept.inactive,
+    )
+    assert reported.product == pytest.approx(kept.product, abs=1e-10)

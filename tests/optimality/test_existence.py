@@ -42,11 +42,11 @@ def test_a_hopeless_one_is_told(problem, kind):
 
 def test_it_looks_less_and_less_often(monkeypatch):
     prospect, q, u = prospect_of(plants.double_integrator(N=5))
-    looks = []
-    monkeypatch.setattr(prospect, "look", lambda q, u: looks.append(prospect.asked))
+    checks = []
+    monkeypatch.setattr(prospect, "look", lambda q, u: checks.append(prospect.asked))
     for _ in range(20):
         prospect.doubt(q, u)
-    assert looks == [1, 2, 4, 8, 16]
+    assert checks == [1, 2, 4, 8, 16]
 
 
 def test_states_that_are_no_numbers_say_nothing_new():

@@ -122,9 +122,9 @@ def test_strongly_active_rows_hold_as_equations(way):
         border = BORDER * np.abs(values).max(initial=0.0)
         if answer(values, border) is FLAT:
             continue
-        told = way(expansion)
-        assert told is answer(values, border), (rows, values)
-        seen[told] += 1
+        reported = way(expansion)
+        assert reported is answer(values, border), (rows, values)
+        seen[reported] += 1
     assert min(seen[STRICT], seen[FALLING]) > 200
 
 
@@ -142,10 +142,10 @@ def test_whole_numbers_and_rows_that_follow_from_others(way):
         rows = rng.integers(-1, 2, (N + 1, R, n + m)) * (rng.random((N + 1, R, 1)) < 0.4) * 1.0
         plain = expanded(J, W, end @ end.T, fixed_start, fixed)
         expansion = touched(plain, rows, np.ones(rows.shape[:2], bool))
-        told = way(expansion)
+        reported = way(expansion)
         values = eigenvalues(expansion, expansion.contact.slope)
-        assert told is answer(values, 1e-9), (J, W, end, rows, values)
-        seen[told] += 1
+        assert reported is answer(values, 1e-9), (J, W, end, rows, values)
+        seen[reported] += 1
     assert min(seen[STRICT], seen[FALLING], seen[FLAT]) > 100
 
 

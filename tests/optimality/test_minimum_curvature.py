@@ -22,12 +22,12 @@ def test_its_sign_is_the_second_order(name):
     seen = set()
     for pull in (0.001, 0.01, 0.1, 1.0, 10.0):
         point = random_point(problem, rng, spread=0.1, pull=pull)
-        least, told = (
+        least, reported = (
             smallest_curvature(problem, *point),
             minimum_of(Expansion.at(problem, *point)),
         )
-        assert told is (Minimum.STRICT if least > 0 else Minimum.NOT_A_MINIMUM)
-        seen.add(told)
+        assert reported is (Minimum.STRICT if least > 0 else Minimum.NOT_A_MINIMUM)
+        seen.add(reported)
     assert seen
 
 
@@ -64,5 +64,5 @@ def test_rows_that_are_strongly_active_take_their_directions():
     end = replace(problem, terminal_constraints=(x <= 1,), cost=problem.cost)
     pulled = replace(end, cost=(a - b) ** 2 / 2 + (a + b) ** 2 / 4 - (a + b))
     half = np.array([[0.0, 1.0]]), np.array([[0.5], [0.5]]), np.zeros((1, 1)) + 0.5
-    told = smallest_curvature(pulled, *half, zeta_end=np.array([0.5]))
-    np.testing.assert_allclose(told, 1.0)
+    reported = smallest_curvature(pulled, *half, zeta_end=np.array([0.5]))
+    np.testing.assert_allclose(reported, 1.0)

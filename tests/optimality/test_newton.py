@@ -163,13 +163,13 @@ def test_a_row_of_the_end_holds_it_or_lets_it_go():
         q, u, mu = random_point(problem, np.random.default_rng(seed))
         q[0, -1] = 1.0
         fixed, free = newton_step(problem, q, u, mu), replace(problem, q_d=(None, None))
-        told = [
+        reported = [
             newton_step(replace(free, terminal_constraints=(row, x + 1 >= 0)), q, u, mu)
             for row in (x >= 1, x <= 1)
         ]
         expected = [fixed, newton_step(free, q, u, mu)]
-        is_upper = abs(told[1] - fixed) < abs(told[0] - fixed)
-        np.testing.assert_allclose(told[::-1] if is_upper else told, expected, rtol=1e-6)
+        is_upper = abs(reported[1] - fixed) < abs(reported[0] - fixed)
+        np.testing.assert_allclose(reported[::-1] if is_upper else reported, expected, rtol=1e-6)
         sides.add(is_upper)
     assert sides == {False, True}
 

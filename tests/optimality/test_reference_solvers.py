@@ -83,8 +83,8 @@ def test_multipliers_are_the_costates(name):
     point, other = ipopt_point(problem), ipopt(problem)
     assert point.objective == pytest.approx(other.objective, rel=1e-9)
     q = np.column_stack([point.q, point.t[:, -1]])
-    for own, told in zip((point.mu, point.beta), costates(problem, q, point.u)):
-        np.testing.assert_allclose(own, told, atol=1e-7 * np.abs(told).max())
+    for own, reported in zip((point.mu, point.beta), costates(problem, q, point.u)):
+        np.testing.assert_allclose(own, reported, atol=1e-7 * np.abs(reported).max())
 
 
 def test_another_start_may_lead_to_another_optimum():

@@ -60,7 +60,7 @@ def test_a_plan_that_meets_no_new_obstacle_is_driven_to_its_end():
 )
 def test_ways_that_can_be_driven_are_clear_along_whole_segments(number):
     found = around(planned(number), CAR)
-    assert all(leg.certified for leg in found.legs)
+    assert all(segment.certified for segment in found.segments)
     assert found.discs.certified
     assert found.discs.status.settled
     centres, share = obstacles(found.plans), np.linspace(0.0, 1.0, 200)[:, None, None]

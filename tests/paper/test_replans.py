@@ -86,7 +86,7 @@ def test_everything_that_is_said_of_the_two_levels():
     foretold = printed.A[:, 0] * gain**2 + printed.B[:, 0] * gain
     assert np.abs(foretold - did).max() > 0.5 * np.abs(did).max()
     distances = found.gradient.distances
-    assert (distances.v[-20:] <= found.following.v * distances.told[-20:]).all()
-    assert (distances.mu[-20:] <= found.following.mu * distances.told[-20:]).all()
+    assert (distances.v[-20:] <= found.following.v * distances.reported[-20:]).all()
+    assert (distances.mu[-20:] <= found.following.mu * distances.reported[-20:]).all()
     assert not found.hypothesis.holds
     assert found.printed_hypothesis.holds

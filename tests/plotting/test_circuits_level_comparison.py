@@ -15,7 +15,7 @@ RUNGS = [
 
 @pytest.fixture(scope="module")
 def drawn():
-    return plotting.ladder(RUNGS, ann_dc.plants.car())
+    return plotting.comparison(RUNGS, ann_dc.plants.car())
 
 
 def test_every_rung_has_a_row_and_single_defects_are_indented(drawn):

@@ -12,7 +12,7 @@ from ann_dc.plotting.worlds import journey as picture
 def test_the_plane_shows_obstacles_way_and_ends():
     driven = a_journey()
     figure = picture(driven)
-    plane, room, pressed, residual = figure.axes
+    plane, room, relative_multiplier, residual = figure.axes
     drawn = [patch for patch in plane.patches if patch.get_facecolor()[3] > 0]
     assert sum(isinstance(patch, Polygon) for patch in drawn) == 1
     discs = [patch for patch in drawn if isinstance(patch, Circle)]
@@ -24,7 +24,7 @@ def test_the_plane_shows_obstacles_way_and_ends():
     np.testing.assert_array_equal(ways["way of the robot"], driven.q[:2].T)
     assert {"start", "goal", "plans"} <= ways.keys()
     assert room.get_ylabel() == "room (m)"
-    np.testing.assert_allclose(pressed.lines[0].get_ydata(), driven.pressed)
+    np.testing.assert_allclose(relative_multiplier.lines[0].get_ydata(), driven.relative_multiplier)
     assert residual.get_yscale() == "log"
 
 

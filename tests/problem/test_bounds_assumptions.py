@@ -37,8 +37,8 @@ def with_control(**assumptions) -> OptimalControlProblem:
 )
 def test_assumptions_that_no_network_keeps_are_refused_by_name(fact):
     name, _, value = fact.partition("=")
-    told = "infinite=True" if fact == "finite=False" else fact
-    with pytest.raises(ProblemError, match=f"^a: expected a real number .* {told},"):
+    reported = "infinite=True" if fact == "finite=False" else fact
+    with pytest.raises(ProblemError, match=f"^a: expected a real number .* {reported},"):
         with_control(**{name: value == "True"})
     symbol = sp.Symbol("p", **{name: value == "True"})
     with pytest.raises(ProblemError, match=r"^p: expected a real number"):
@@ -96,8 +96,8 @@ def test_solution_keeps_the_sign_of_a_control():
 def test_input_with_a_sign_is_refused_with_the_remedy(fact):
     """A synthesized network, a batch or a family may set any value later: |p| is not p there."""
     size = sp.Symbol("p", **{fact: True})
-    told = rf"inputs\[p\]: .* {fact}=True, .*; declare it as sp.Symbol\('p'\)"
-    with pytest.raises(ProblemError, match=told):
+    reported = rf"inputs\[p\]: .* {fact}=True, .*; declare it as sp.Symbol\('p'\)"
+    with pytest.raises(ProblemError, match=reported):
         declared(inputs={size: 0.0}, cost=a**2 / 2 + sp.sqrt(size**2) * x**2)
     declared(inputs={sp.Symbol("p", real=True): -1.0})
 

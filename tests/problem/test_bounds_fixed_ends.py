@@ -56,9 +56,9 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "told"), REFUSED, ids=lambda given: str(given)[:40])
-def test_what_an_end_breaks_is_refused(changes, told):
-    with pytest.raises(ProblemError, match=f"^{re.escape(told)}"):
+@pytest.mark.parametrize(("changes", "reported"), REFUSED, ids=lambda given: str(given)[:40])
+def test_what_an_end_breaks_is_refused(changes, reported):
+    with pytest.raises(ProblemError, match=f"^{re.escape(reported)}"):
         problem(**changes)
 
 

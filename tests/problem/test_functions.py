@@ -99,18 +99,20 @@ def test_where_numbers_have_errors_a_rollout_is_what_arrays_say():
             states=(x,), controls=(a,), map=(f + a,), cost=a**2, horizon=3, q_0=(first,)
         )
         q, u = np.full((1, 3), first), np.zeros((1, 3))
-        told = problem.functions.rollout(problem.q_0, u)
-        assert not np.isfinite(told).all()
-        np.testing.assert_array_equal(told[:, 1], problem.functions.map(q, u)[:, 0])
+        reported = problem.functions.rollout(problem.q_0, u)
+        assert not np.isfinite(reported).all()
+        np.testing.assert_array_equal(reported[:, 1], problem.functions.map(q, u)[:, 0])
 
 
 def test_derivatives_that_do_not_vary_are_there_at_every_stage():
     problem = SUITE["double_integrator"].problem
     functions, N = problem.functions, problem.horizon
-    told = functions.derivatives(np.zeros((2, N)), np.zeros((1, N)), np.ones((2, N)))
+    reported = functions.derivatives(np.zeros((2, N)), np.zeros((1, N)), np.ones((2, N)))
     for k in range(N):
-        np.testing.assert_allclose(told.jacobian[..., k], [[1, 0.1, 0], [0, 1, 0.1]], rtol=1e-15)
-        np.testing.assert_array_equal(told.hessian[..., k], np.diag([0, 0, 1]))
+        np.testing.assert_allclose(
+            reported.jacobian[..., k], [[1, 0.1, 0], [0, 1, 0.1]], rtol=1e-15
+        )
+        np.testing.assert_array_equal(reported.hessian[..., k], np.diag([0, 0, 1]))
 
 
 def test_equal_formulas_are_compiled_once_and_other_ones_anew():
@@ -142,12 +144,12 @@ CONSTRAINED = replace(
 
 def slopes_of(function, z, step=1e-100):
     """Complex-step derivatives of an array by z (n, ...), as a new axis before the last."""
-    told = []
+    reported = []
     for i in range(len(z)):
         moved = z.astype(complex)
         moved[i] += 1j * step
-        told.append(function(moved).imag / step)
-    return np.stack(told, axis=1)
+        reported.append(function(moved).imag / step)
+    return np.stack(reported, axis=1)
 
 
 def rows_by_hand(z, inputs):
@@ -198,13 +200,13 @@ def test_rows_of_the_end_and_their_derivatives(seed):
 
 def central_differences(function, z, step=1e-6):
     """Slopes of an array (n, ...) by z (n, ...), as a second axis."""
-    told = []
+    reported = []
     for i in range(len(z)):
         ahead, behind = z.copy(), z.copy()
         ahead[i] += step
         behind[i] -= step
-        told.append((function(ahead) - function(behind)) / (2 * step))
-    return np.stack(told, axis=1)
+        reported.append((function(ahead) - function(behind)) / (2 * step))
+    return np.stack(reported, axis=1)
 
 
 def test_without_inequalities_there_are_no_rows():

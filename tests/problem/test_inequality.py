@@ -79,10 +79,10 @@ def test_a_step_length_that_is_chosen_stands_as_its_state_has_it():
 
 def test_other_data_and_horizons_keep_the_rows():
     given = problem(constraints=[x <= w], bounds={v: (-1, 1), a: (0, 3)})
-    told = given.with_inputs(w=5.0)
-    assert told.inequalities == given.inequalities
+    reported = given.with_inputs(w=5.0)
+    assert reported.inequalities == given.inequalities
     q, u = np.ones((2, 3)), np.zeros((1, 3))
-    np.testing.assert_array_equal(told.functions.rows(q, u).value[0], -4.0)
+    np.testing.assert_array_equal(reported.functions.rows(q, u).value[0], -4.0)
     np.testing.assert_array_equal(given.functions.rows(q, u).value[0], -1.0)
     longer = given.with_horizon(7)
     assert (longer.constraints, longer.bounds) == (given.constraints, given.bounds)

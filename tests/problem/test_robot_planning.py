@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ann_dc.problem.robot import car_robot, unicycle_robot
-from ann_dc.problem.robot_planning import LINEAR, NONLINEAR, leg_problem, planning_problem
+from ann_dc.problem.robot_planning import LINEAR, NONLINEAR, planning_problem, segment_problem
 from ann_dc.problem.soft import Soft
 
 SOFT = Soft(weight=100.0, compliance=0.001)
@@ -102,7 +102,7 @@ def test_samples_are_told_apart():
 
 
 def test_a_leg_has_a_time_of_its_own():
-    problem = leg_problem(unicycle_robot(), stages=6, reach=2.0)
+    problem = segment_problem(unicycle_robot(), stages=6, reach=2.0)
     (h,) = problem.inputs
     q, u = path(unicycle_robot(), 6)
     for step in (0.05, 0.2):

@@ -46,9 +46,9 @@ def assert_same(own: Scales, other: Scales, units: Units, rtol: float) -> None:
         (other.states, units.state, units.shift, own.states),
         (other.controls, units.control, units.push, own.controls),
     ):
-        told = shift + factors * np.array([s.offset for s in scales])
+        reported = shift + factors * np.array([s.offset for s in scales])
         size = np.array([s.factor for s in ours])
-        np.testing.assert_allclose(told / size, [s.offset / s.factor for s in ours], atol=1e-6)
+        np.testing.assert_allclose(reported / size, [s.offset / s.factor for s in ours], atol=1e-6)
 
 
 def assert_defined(problem: OptimalControlProblem) -> Scales:
@@ -249,9 +249,9 @@ BAD = [
 
 @pytest.mark.parametrize(("given", "message"), BAD)
 def test_what_is_refused_by_hand(given, message):
-    with pytest.raises(ProblemError) as told:
+    with pytest.raises(ProblemError) as reported:
         by_hand(given)
-    assert message in str(told.value)
+    assert message in str(reported.value)
 
 
 def test_scales_of_a_map_that_explodes_are_those_of_its_bounds():

@@ -11,7 +11,7 @@ from ann_dc.report.boards import InterfaceTable
 
 
 @pytest.mark.parametrize(
-    ("circuit_error", "noise", "settling_time", "good", "told"),
+    ("circuit_error", "noise", "settling_time", "good", "reported"),
     [
         (1e-3, math.nan, 1e-5, True, "inputs near these, too; 1.00e-03 is the circuit's own"),
         (1e-3, 9e-3, 1e-5, True, "noise of 9.0e-03 rms beside it"),
@@ -21,15 +21,15 @@ from ann_dc.report.boards import InterfaceTable
         (math.nan, math.nan, math.nan, False, "the circuit oscillates"),
     ],
 )
-def test_the_verdict_is_of_the_circuit(circuit_error, noise, settling_time, good, told):
+def test_the_verdict_is_of_the_circuit(circuit_error, noise, settling_time, good, reported):
     cost = InterfaceCost(
         interface=Interface(adc_bits=10), rounded={}, input_error=0.0, worst_input_error=0.0,
         output_error=2e-3, error=2e-3, circuit_error=circuit_error, noise=noise,
-        settling_time=settling_time, cold_settling_time=math.nan, astray="",
+        settling_time=settling_time, cold_settling_time=math.nan, other_equilibrium="",
     )  # fmt: skip
     table = InterfaceTable(cost=cost, backend=SpiceBackend())
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())
     assert table.good == good
-    assert told in said.get()
+    assert reported in said.get()

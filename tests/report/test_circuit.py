@@ -50,7 +50,7 @@ def test_how_far_a_series_is_off_is_told_of_resistors_and_capacitors():
         letter: max(np.abs(each).max() for name, each in off.items() if name.startswith(letter))
         for letter in "rc"
     }
-    assert found.snapping == pytest.approx(
+    assert found.series_rounding == pytest.approx(
         {"resistor": largest["r"], "capacitor": largest["c"]}, rel=1e-12
     )
     assert f"E12: off by up to {largest['r']:.2%}" in said
@@ -70,13 +70,13 @@ def test_noise_counts_with_every_drawn_circuit():
 
 @pytest.mark.parametrize(("volts", "advised"), [(1.0, True), (12.0, False)])
 def test_a_larger_full_scale_is_advised_where_parts_have_room(volts, advised):
-    rails = Datasheet(a0=300.0, rails=14.5)
+    rails = Datasheet(a0=300.0, output_swing=14.5)
     found, _ = words(SpiceBackend(level=replace(macro(datasheet=rails), full_scale=volts)))
     assert found.shortcoming.startswith("the error of its controls is predicted to be")
     assert ("a larger full scale" in found.shortcoming) == advised
 
 
 def test_what_parts_can_do_is_told_as_far_as_it_is_limited():
-    sheet = Datasheet(a0=1e6, gbw=10e6, slew=20e6, rails=14.5)
-    assert str(sheet) == "gain 1e+06, op amps 10 MHz, slew 20 MV/s, rails 14.5 V"
+    sheet = Datasheet(a0=1e6, gbw=10e6, slew=20e6, output_swing=14.5)
+    assert str(sheet) == "gain 1e+06, op amps 10 MHz, slew 20 MV/s, output swing 14.5 V"
     assert "multipliers" in str(presets.get("ad8065_ad835").datasheet)

@@ -47,17 +47,17 @@ def test_inequalities_are_told_where_there_are_any(solution, tmp_path):
     kept = Complementarity(
         violation=1e-9, wrong_sign=0.0, product=2e-8, strong=3, weak=1, inactive=6
     )
-    told = replace(solution, certificate=replace(solution.certificate, complementarity=kept))
-    for one, words in ((solution, None), (told, "3 strongly active, 1 weakly, 6 inactive")):
+    reported = replace(solution, certificate=replace(solution.certificate, complementarity=kept))
+    for one, words in ((solution, None), (reported, "3 strongly active, 1 weakly, 6 inactive")):
         console = Console(width=200, color_system=None)
         with console.capture() as capture:
             console.print(report_table(one))
         assert ("inequalities" in capture.get()) == (words is not None)
         assert (words or "second order") in capture.get()
         assert ("inequalities" in one.as_dict()) == (words is not None)
-    assert told.as_dict()["inequalities"]["product"] == 2e-8
-    told.save(tmp_path / "told")
-    again = ann_dc.load_solution(tmp_path / "told").certificate.complementarity
+    assert reported.as_dict()["inequalities"]["product"] == 2e-8
+    reported.save(tmp_path / "reported")
+    again = ann_dc.load_solution(tmp_path / "reported").certificate.complementarity
     assert vars(again) == vars(kept)
     solution.save(tmp_path / "plain")
     manifest = (tmp_path / "plain" / "manifest.json").read_text()

@@ -9,10 +9,10 @@ from ann_dc.report.statistics import STANDING_OUT, Findings, outliers_of
 
 def test_messages_that_differ_in_numbers_are_one_cause():
     found = findings(2000)
-    told = {cause.outcome: cause for cause in found.causes}
+    reported = {cause.outcome: cause for cause in found.causes}
     counts = found.frame["outcome"].value_counts()
-    assert {name: cause.points for name, cause in told.items()} == counts.to_dict()
-    example = told["diverged"]
+    assert {name: cause.points for name, cause in reported.items()} == counts.to_dict()
+    example = reported["diverged"]
     assert found.frame["outcome"][example.row] == "diverged"
     assert found.frame["message"][example.row] == example.message
 
@@ -20,11 +20,11 @@ def test_messages_that_differ_in_numbers_are_one_cause():
 def test_what_fails_for_two_reasons_is_two_causes_and_rare_ones_are_counted_together():
     messages = ["no gains"] * 3 + [f"reason {chr(97 + n)}" for n in range(20)]
     frame = pandas.DataFrame({"point": range(23), "outcome": "failed", "message": messages})
-    told = Findings(place="out", identity=IDENTITY, frame=frame).causes
-    assert told[0].message == "no gains"
-    assert sum(cause.points for cause in told) == 23
-    assert told[-1].outcome == "7 further causes"
-    assert told[-1].points == 7
+    reported = Findings(place="out", identity=IDENTITY, frame=frame).causes
+    assert reported[0].message == "no gains"
+    assert sum(cause.points for cause in reported) == 23
+    assert reported[-1].outcome == "7 further causes"
+    assert reported[-1].points == 7
 
 
 def test_the_slowest_and_the_worst_come_first():

@@ -11,13 +11,13 @@ from ann_dc.report.study_columns import column_of
 
 
 def test_the_exponent_of_the_wall_time_is_found():
-    told = {(one.metric.name, one.setting.name): one for one in findings(2000).exponents}
-    law = told["wall_time", "problem.N"].exponent
+    reported = {(one.metric.name, one.setting.name): one for one in findings(2000).exponents}
+    law = reported["wall_time", "problem.N"].exponent
     assert law.low < EXPONENT < law.high
     assert law.high - law.low < 0.01
     assert law.r_squared > 0.99
-    assert {setting for _, setting in told} == {"problem.N", "gains.tau.u"}
-    flat = told["settling_time", "problem.N"].exponent
+    assert {setting for _, setting in reported} == {"problem.N", "gains.tau.u"}
+    flat = reported["settling_time", "problem.N"].exponent
     assert flat.low < 0 < flat.high
 
 

@@ -10,21 +10,21 @@ from ann_dc.report.study_columns import band, column_of, is_clustered, strength
 
 def test_a_setting_of_few_values_has_a_band_a_value():
     found = findings(600)
-    told = band(found.columns["problem.N"], found.columns["settling_time"])
+    reported = band(found.columns["problem.N"], found.columns["settling_time"])
     by_value = found.frame.dropna(subset="settling_time").groupby("problem.N")["settling_time"]
-    assert [*told.at] == [10, 30, 100, 300, 1000]
-    assert [*told.counts] == [*by_value.count()]
-    for row, share in zip(told.quantiles, (0.05, 0.25, 0.5, 0.75, 0.95)):
+    assert [*reported.at] == [10, 30, 100, 300, 1000]
+    assert [*reported.counts] == [*by_value.count()]
+    for row, share in zip(reported.quantiles, (0.05, 0.25, 0.5, 0.75, 0.95)):
         np.testing.assert_allclose(row, by_value.quantile(share))
 
 
 def test_many_values_are_cut_into_groups_of_as_many_points():
     found = findings(2000)
-    told = band(found.columns["gains.tau.u"], found.columns["wall_time"])
-    assert len(told.at) == 30
-    assert told.counts.sum() == 2000
-    assert np.ptp(told.counts) <= 2
-    assert (np.diff(told.at) > 0).all()
+    reported = band(found.columns["gains.tau.u"], found.columns["wall_time"])
+    assert len(reported.at) == 30
+    assert reported.counts.sum() == 2000
+    assert np.ptp(reported.counts) <= 2
+    assert (np.diff(reported.at) > 0).all()
 
 
 def test_few_points_have_no_band():
@@ -35,11 +35,11 @@ def test_few_points_have_no_band():
 def test_boxes_by_word():
     found = findings(500)
     setting = found.columns["coordinators"]
-    told = band(setting, found.columns["wall_time"])
+    reported = band(setting, found.columns["wall_time"])
     medians = found.frame.groupby("coordinators")["wall_time"].median()
-    names = [setting.words[code] for code in told.at]
+    names = [setting.words[code] for code in reported.at]
     expected = [medians[name == "true"] for name in names]
-    np.testing.assert_allclose(told.quantiles[2], expected)
+    np.testing.assert_allclose(reported.quantiles[2], expected)
 
 
 def test_strength_tells_what_depends_from_what_does_not():

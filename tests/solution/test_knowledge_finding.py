@@ -40,11 +40,11 @@ def ends_after(lines):
     """A progress that ends the work."""
     left = iter(range(lines))
 
-    def told(line):
+    def reported(line):
         if next(left, None) is None:
             raise Stopped("it was interrupted")
 
-    return told
+    return reported
 
 
 @pytest.mark.slow

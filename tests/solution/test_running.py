@@ -35,8 +35,8 @@ class Never:
         x = network.start_state
         residuals, recorder = fast_evaluator(network).residuals(x), Recorder(network)
         recorder.record(0.0, x, residuals)
-        told = not_settled(residuals, 1e4, "a test said so")
-        return recorder.run(0.0, x, told, Settling(), 0)
+        reported = not_settled(residuals, 1e4, "a test said so")
+        return recorder.run(0.0, x, reported, Settling(), 0)
 
 
 @pytest.fixture(scope="module")

@@ -180,11 +180,11 @@ def test_no_process_is_left(store):
 
 
 def test_who_is_told_may_end_it(store):
-    told = []
+    reported = []
 
     def enough(line):
-        told.append(line)
-        if len(told) == 3:
+        reported.append(line)
+        if len(reported) == 3:
             raise Stopped("that is enough")
 
     asked = points(*["slow"] * 500)
@@ -192,9 +192,9 @@ def test_who_is_told_may_end_it(store):
     assert tally.stopped == "that is enough"
     assert 0 < tally.outcomes["settled"] < 500
     assert len(store) == tally.outcomes["settled"]
-    assert " of 500 points, " in told[2]
-    assert " a second, " in told[2]
-    assert " left; settled " in told[2]
+    assert " of 500 points, " in reported[2]
+    assert " a second, " in reported[2]
+    assert " left; settled " in reported[2]
 
 
 @pytest.mark.usefixtures("interruptible")

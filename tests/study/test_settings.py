@@ -71,7 +71,7 @@ def test_unknown_names_are_told_the_nearest(name, said):
         *((f"tolerance.{kind.value}", math.inf, "is a finite number") for kind in Kind),
         ("tolerance.resistor", -0.1, r"tolerance\.resistor is a size"),
         ("circuit.gbw", -1e6, r"circuit\.gbw: gbw: expected a positive number"),
-        ("circuit.margin", 0.0, r"circuit\.margin is a positive number"),
+        ("circuit.bandwidth_margin", 0.0, r"circuit\.bandwidth_margin is a positive number"),
         ("design.penalty", 0.0, r"design\.penalty: "),
         ("gains.rho", -2.0, r"gains\.rho is a positive number"),
         ("nonideal.mismatch", math.inf, r"nonideal\.mismatch is a finite number"),

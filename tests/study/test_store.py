@@ -234,12 +234,12 @@ def test_a_killed_driver_loses_nothing_that_was_kept(tmp_path):
             for _ in range(5):
                 writer.stdout.readline()
             writer.send_signal(signal.SIGKILL)
-            told = writer.stdout.read().split("\n")[:-1]  # whole lines
+            reported = writer.stdout.read().split("\n")[:-1]  # whole lines
         with Store.open(tmp_path) as store:
             points = store.finished()
         assert points == {*range(len(points))}
         assert len(points) % 3 == 0
-        assert max(map(int, told), default=0) in points
+        assert max(map(int, reported), default=0) in points
 
 
 def test_a_killed_driver_that_had_just_begun(tmp_path):

@@ -25,9 +25,9 @@ def test_many_differences_are_counted():
 
 
 def test_long_values_are_cut():
-    told = differences(json.dumps({"text": "x" * 500}), json.dumps({"text": ""}))
-    assert len(told) < 100
-    assert told.endswith('... -> ""')
+    reported = differences(json.dumps({"text": "x" * 500}), json.dumps({"text": ""}))
+    assert len(reported) < 100
+    assert reported.endswith('... -> ""')
 
 
 def test_an_order_that_changed_is_a_change():

@@ -123,9 +123,9 @@ def test_what_only_python_can_repeat():
 )
 def test_what_is_wrong_is_told_with_the_file_and_the_field(tmp_path, text, said):
     file = written(tmp_path, text)
-    with pytest.raises(AnnDcError, match=said) as told:
+    with pytest.raises(AnnDcError, match=said) as reported:
         load_study(file)
-    assert str(file) in str(told.value) or isinstance(told.value, FileFormatError)
+    assert str(file) in str(reported.value) or isinstance(reported.value, FileFormatError)
 
 
 def test_nothing_in_a_file_is_executed(tmp_path):

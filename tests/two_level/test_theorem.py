@@ -191,7 +191,7 @@ def plain() -> Network:
     return apply_gains(network, manual_gains(network))
 
 
-def told(push: np.ndarray):
+def reported(push: np.ndarray):
     """Distances after stages that solve for the solution's t and beta, pushed (n_c,)."""
     settled = closed_chain(CAR).state
     x = settled.copy()
@@ -212,7 +212,7 @@ def coordination_size() -> int:
 
 def test_the_errors_of_the_stages_are_those_that_numpy_finds():
     push = 1e-3 * np.random.default_rng(0).standard_normal(coordination_size())
-    run = told(push)
+    run = reported(push)
     ours, settled = (neuron_values(plain(), x) for x in (run.states[0], closed_chain(CAR).state))
     near = np.hstack([settled[p] for p in ("q", "u", "mu")])
     stages = np.array([*map(solved_stage, ours["t"], ours["beta"], near)])
@@ -220,7 +220,7 @@ def test_the_errors_of_the_stages_are_those_that_numpy_finds():
     error = (stages - exact) / factors("q", "u", "mu")
     np.testing.assert_allclose(run.distances.v, np.linalg.norm(error[:, :6]), rtol=1e-5)
     np.testing.assert_allclose(run.distances.mu, np.linalg.norm(error[:, 6:]), rtol=1e-5)
-    np.testing.assert_allclose(run.distances.told, np.linalg.norm(push), rtol=1e-9)
+    np.testing.assert_allclose(run.distances.reported, np.linalg.norm(push), rtol=1e-9)
     np.testing.assert_allclose(run.lyapunov.theta, 0.5 * push @ push, rtol=1e-9)
 
 
@@ -262,7 +262,7 @@ def test_the_stages_follow_as_the_theorem_says(size):
     bound, rng = theorem_IV_1(plain(), closed_chain(CAR).state), np.random.default_rng(1)
     for _ in range(3):
         push = rng.standard_normal(coordination_size())
-        run = told(size * push / np.linalg.norm(push))
+        run = reported(size * push / np.linalg.norm(push))
         assert 0 < run.distances.v[0, 0] <= bound.v * size * (1 + 100 * size)
         assert 0 < run.distances.mu[0, 0] <= bound.mu * size * (1 + 100 * size)
 

@@ -18,7 +18,7 @@ from ann_dc.backends.integration.systems import combined, kept, residuals, slope
 from ann_dc.backends.integration.tableaus import Extension
 from ann_dc.evaluation.formulas import compiled, inlined
 
-LOOKS = 4
+CHECKS = 4
 """Number of parts of a step at whose ends the residual is evaluated."""
 ROUNDS, CLOSE = 20, 1e-5
 """Largest number of iterations to a crossing; final distance relative to the tolerance."""
@@ -99,21 +99,21 @@ def last_exit(system, aside, h, ends, tolerance):
     sides. ``ends`` contains the residuals at both ends of the step of length ``h``.
     """
     before, low = ends
-    looks = aside.starts.shape[0] - 2
+    checks = aside.starts.shape[0] - 2
     if not extended(system, aside, h):
-        return (-1.0 if before < tolerance else 1.0), looks
+        return (-1.0 if before < tolerance else 1.0), checks
     high, a, b = before, 0.0, 1.0
-    for look in range(LOOKS - 1, 0, -1):
-        worst, at = _worst(system, aside, look / LOOKS, h), look / LOOKS
-        looks += 1
+    for look in range(CHECKS - 1, 0, -1):
+        worst, at = _worst(system, aside, look / CHECKS, h), look / CHECKS
+        checks += 1
         if not worst < tolerance:
             high, a = worst, at
             break
         low, b = worst, at
     if high < tolerance:
-        return -1.0, looks
+        return -1.0, checks
     theta, more = _crossing(system, aside, h, (a, b), (high, low), tolerance)
-    return theta, looks + more
+    return theta, checks + more
 
 
 @inlined

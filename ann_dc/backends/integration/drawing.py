@@ -63,7 +63,7 @@ class SolvedAgain:
                 length = float(at[gap + 1] - at[gap])
                 pieces = self._pieces(states[gap], length)
                 found[chosen] = _in_pieces(pieces, times[chosen] - at[gap], found.shape[1])
-        return within_rails(self.compiled, found)
+        return within_limits(self.compiled, found)
 
     def _pieces(self, x: np.ndarray, length: float) -> list[Any]:
         """Return the polynomials of all steps over a length of time from a state."""
@@ -88,7 +88,7 @@ class Pieces:
 
     def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
         """Return states (K, n) at rising times."""
-        return within_rails(self.compiled, _in_pieces(self.pieces, times, known[1].shape[1]))
+        return within_limits(self.compiled, _in_pieces(self.pieces, times, known[1].shape[1]))
 
 
 def _in_pieces(pieces: Sequence[Any], times: np.ndarray, size: int) -> np.ndarray:
@@ -118,13 +118,13 @@ def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) ->
         message = solver.step()
     except (RuntimeError, ValueError) as error:  # of a Jacobian that is not finite, by its LU
         solver.status, message = "failed", f"the matrix of an implicit step: {error}"
-    within = within_rails(compiled, solver.y)
+    within = within_limits(compiled, solver.y)
     if "f" in vars(solver) and not np.array_equal(within, solver.y):
         solver.y, solver.f = within, solver.fun(solver.t, within)
     return message
 
 
-def within_rails(compiled: Evaluator, x: np.ndarray) -> np.ndarray:
+def within_limits(compiled: Evaluator, x: np.ndarray) -> np.ndarray:
     """Return states (..., n) clipped to the saturation limits."""
     low, high = compiled.tape.limits[compiled.tape.places[:, 0]].T
     return np.clip(x, low, high)

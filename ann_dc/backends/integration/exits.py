@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-LOOKS, ROUNDS = 8, 4
+CHECKS, ROUNDS = 8, 4
 """Number of parts of an interval and number of grids.
 
 The deviation is evaluated at the ends of the parts, and each grid divides the part with the last
@@ -64,5 +64,5 @@ def located_exit(
         return float(grid[-1])
     if rounds == 1:
         return last_exit(grid, found, tolerance)
-    finer = np.linspace(grid[last], grid[last + 1], LOOKS + 1)
+    finer = np.linspace(grid[last], grid[last + 1], CHECKS + 1)
     return located_exit(deviation, finer, tolerance, rounds - 1)

@@ -182,8 +182,8 @@ def _watch(system, course, began, worst, tolerance):
         clock[6] = np.nan
     elif not max(before, worst) < SWING * tolerance:
         h = clock[0] - began
-        theta, looks = last_exit(system, course.aside, h, (before, worst), tolerance)
-        clock[3] += looks
+        theta, checks = last_exit(system, course.aside, h, (before, worst), tolerance)
+        clock[3] += checks
         if theta >= 0.0:
             clock[6] = began + theta * h
 

@@ -23,9 +23,9 @@ from ann_dc.backends.integration.drawing import (
     Pieces,
     SolvedAgain,
     take_step,
-    within_rails,
+    within_limits,
 )
-from ann_dc.backends.integration.exits import LOOKS, located_exit
+from ann_dc.backends.integration.exits import CHECKS, located_exit
 from ann_dc.backends.integration.limits import LimitedSolver
 from ann_dc.backends.integration.methods import Between, Method
 from ann_dc.backends.integration.systems import Cells, Integrand
@@ -188,9 +188,9 @@ class SciPyStepper(Stepper):
         if not worst < self.tolerance:
             self.exit = float("nan")
         elif not max(before, worst) < integrator.SWING * self.tolerance:
-            inside, grid = self.solver.dense_output(), np.linspace(began, self.time, LOOKS + 1)
+            inside, grid = self.solver.dense_output(), np.linspace(began, self.time, CHECKS + 1)
             exit = located_exit(
-                lambda times: self._worst_at(within_rails(self.compiled, inside(times).T)),
+                lambda times: self._worst_at(within_limits(self.compiled, inside(times).T)),
                 grid,
                 self.tolerance,
             )
@@ -210,7 +210,7 @@ class SciPyStepper(Stepper):
             self.failed = message or "the method failed"
             return np.empty(0), np.empty((0, 2)), np.empty((0, self.state.size))
         self._keep_piece()
-        self.time, self.state = float(self.solver.t), within_rails(self.compiled, self.solver.y)
+        self.time, self.state = float(self.solver.t), within_limits(self.compiled, self.solver.y)
         residuals = self.compiled.residuals(self.state)
         self._watch(began, max(residuals))
         self.at_end = self.solver.status == "finished"

@@ -143,7 +143,7 @@ _COUNT = len((*Tape._fields, *Workspace._fields, *DomainGuard._fields))
     _BLOCKS, _DRIVES, _SOURCES, _WEIGHTS, _RATES, _LIMITS, _ROLES, _PLACES, _SHARED, _PINS, _SLOTS,
     _ENTRIES, _SLOT_START, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES, _COUPLED, _FACTOR,
     _FACTOR_COLUMNS, _STIFF, _REACHED,
-    _VALUES, _ARRIVED, _MOVES, _NODES, _ARRIVING, _CLAMP,
+    _VALUES, _ARRIVED, _DERIVATIVES, _NODES, _ARRIVING, _CLAMP,
     _DOMAINS, _SIGNS,
 ) = range(1, 1 + WIDTH * _COUNT, WIDTH)  # fmt: skip
 
@@ -166,7 +166,7 @@ def _tape(table):
 @inner
 def _workspace(table):
     return Workspace(
-        matrix(table, _VALUES), matrix(table, _ARRIVED), matrix(table, _MOVES),
+        matrix(table, _VALUES), matrix(table, _ARRIVED), matrix(table, _DERIVATIVES),
         matrix(table, _NODES), matrix(table, _ARRIVING), integer_vector(table, _CLAMP),
     )  # fmt: skip
 

@@ -210,9 +210,9 @@ class CellLayer(nn.Module):
             return start
         now, own = self.flow(inputs).inputs, self.flow().inputs
         rows = {name: row for row, name in enumerate(self.network.cell.inputs)}
-        for move in start_moves(self.network):
-            row = rows[move.input], move.stage
-            weight = torch.as_tensor(np.array(move.weight)).to(start)
+        for derivative in start_moves(self.network):
+            row = rows[derivative.input], derivative.stage
+            weight = torch.as_tensor(np.array(derivative.weight)).to(start)
             start = start + (now[row] - own[row])[:, None] * weight
         return start
 
@@ -260,8 +260,8 @@ class CellLayer(nn.Module):
         """
         flow = self.flow(inputs)
         state = self.fill(self.states_of(x, flow.inputs.shape[-1]), flow.inputs)
-        moved = state + step * flow.move(flow.read(state).arriving, state)
-        return self.pack(flow.within_rails(moved))
+        moved = state + step * flow.derivative(flow.read(state).arriving, state)
+        return self.pack(flow.within_limits(moved))
 
     def trained(self) -> Network:
         """Return the network with the layer's numbers, for the ODE, a circuit or a file.

@@ -71,23 +71,25 @@ class Flow:
             return Reading(arguments, cut)
         return Reading(arguments, cut, torch.where(layout.coupled, drives, cut))
 
-    def move(self, arriving: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
+    def derivative(self, arriving: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
         """Return dx/ds (P, N, B): the projection of M d on the admissible directions.
 
         The drives ``arriving`` (P, N, B) are those of `read`; the state determines the active
         limits.
         """
         layout = self.layout
-        moves = layout.preconditioner(self.constants, arriving)
+        derivatives = layout.preconditioner(self.constants, arriving)
         if len(layout.clamped):
-            moves = self._projected(moves, arriving, state)
-        moves = layout.spread(moves * layout.live)
+            derivatives = self._projected(derivatives, arriving, state)
+        derivatives = layout.spread(derivatives * layout.live)
         return (
-            torch.where(self._pushes_out(state, moves), 0.0, moves) if layout.with_limits else moves
+            torch.where(self._pushes_out(state, derivatives), 0.0, derivatives)
+            if layout.with_limits
+            else derivatives
         )
 
     def _projected(
-        self, moves: torch.Tensor, arriving: torch.Tensor, state: torch.Tensor
+        self, derivatives: torch.Tensor, arriving: torch.Tensor, state: torch.Tensor
     ) -> torch.Tensor:
         """Return moves with saturated neurons from those without; see `lane_clamps`.
 
@@ -106,38 +108,42 @@ class Flow:
             last = torch.where(wrong, order[:, None], -1).amax(0)
             held = held ^ (wrong & ((order[:, None] == last) | (turn < rules.BLOCKS)))
             clamped: Any = self.layout.preconditioner.clamped
-            moves, currents = clamped(self.constants, arriving, places, held)
-            given, found = arriving.flatten(0, 1)[places], moves.flatten(0, 1)[places]
+            derivatives, currents = clamped(self.constants, arriving, places, held)
+            given, found = arriving.flatten(0, 1)[places], derivatives.flatten(0, 1)[places]
             size = torch.where(held, given.abs() + currents.abs(), 0.0).amax(0)
             lets_go = rules.lets_go(x, currents, low, high, rules.ROUNDING * size)
-            return held, torch.where(held, lets_go, rules.pushes_out(x, found, low, high)), moves
+            return (
+                held,
+                torch.where(held, lets_go, rules.pushes_out(x, found, low, high)),
+                derivatives,
+            )
 
         held = torch.zeros_like(x, dtype=torch.bool)
-        wrong, turn = rules.pushes_out(x, moves.flatten(0, 1)[places], low, high), 0
+        wrong, turn = rules.pushes_out(x, derivatives.flatten(0, 1)[places], low, high), 0
         if is_traced:
             return torch.while_loop(
-                lambda turn, held, wrong, moves: wrong.any() & (turn < rules.PIVOTS),
-                lambda turn, held, wrong, moves: (
+                lambda turn, held, wrong, derivatives: wrong.any() & (turn < rules.PIVOTS),
+                lambda turn, held, wrong, derivatives: (
                     turn + 1,
                     *exchanged(turn, held, wrong, arriving, x),
                 ),
-                (order.new_zeros(()), held, wrong, moves),
+                (order.new_zeros(()), held, wrong, derivatives),
             )[-1]
         while turn < rules.PIVOTS and wrong.any():
             some = wrong.any(0).nonzero()[:, 0]
             parts = (tensor[..., some] for tensor in (held, wrong, arriving, x))
             found = exchanged(turn, *parts)
-            held, wrong, moves = (
+            held, wrong, derivatives = (
                 whole.index_copy(-1, some, part)
-                for whole, part in zip((held, torch.zeros_like(wrong), moves), found)
+                for whole, part in zip((held, torch.zeros_like(wrong), derivatives), found)
             )
             turn += 1
-        return moves
+        return derivatives
 
     def _pushes_out(self, state: torch.Tensor, push: torch.Tensor) -> torch.Tensor:
         return rules.pushes_out(state, push, self.layout.low, self.layout.high)
 
-    def within_rails(self, state: torch.Tensor) -> torch.Tensor:
+    def within_limits(self, state: torch.Tensor) -> torch.Tensor:
         """Return the state clipped to the saturation limits."""
         layout = self.layout
         return state.clamp(layout.low, layout.high) if layout.with_limits else state

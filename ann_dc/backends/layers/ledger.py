@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import torch
 
+from ann_dc.backends.batched.group import Ends
 from ann_dc.backends.integration.integrator import (
     DIVERGED,
     LEFT_DOMAIN,
@@ -18,7 +19,6 @@ from ann_dc.backends.integration.integrator import (
     SETTLED,
     STALLED,
 )
-from ann_dc.backends.lanes.group import Ends
 from ann_dc.backends.layers.loop import Loop
 from ann_dc.backends.settling import GROWTH
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 
 from ann_dc.analysis.saddle import is_strict_minimum
-from ann_dc.backends.lanes.step_control import StepState, next_step, turn_of
+from ann_dc.backends.batched.step_control import StepState, next_step, turn_of
 from ann_dc.backends.layers.cell_layer import CellLayer
 from ann_dc.backends.layers.fixed_order import LIBRARY, total
 from ann_dc.backends.layers.flow import Flow, Reading
@@ -24,20 +24,20 @@ from ann_dc.backends.step_rules import (
 from ann_dc.evaluation.reference import evaluator
 
 
-def move_of(
+def derivative_of(
     order: Order, flow: Flow, state: torch.Tensor, step: torch.Tensor
 ) -> tuple[Reading, torch.Tensor]:
     """Return the reading at a state (P, N, B) and the move m (P, N, B) for steps h (B,)."""
     reading, duals = flow.read(state), flow.layout.duals
     if order not in (SIMULTANEOUS, TWO_PHASE):
         return reading, _stage_by_stage(flow, state, step)
-    move = flow.move(reading.arriving, state)
+    derivative = flow.derivative(reading.arriving, state)
     if order == TWO_PHASE:
-        move = move.index_fill(0, duals, 0.0)
-        fresh = flow.within_rails(state + step * move)
+        derivative = derivative.index_fill(0, duals, 0.0)
+        fresh = flow.within_limits(state + step * derivative)
         second = flow.read(fresh).drives * flow.constants.rates
-        move = move.index_copy(0, duals, second[duals])
-    return reading, move
+        derivative = derivative.index_copy(0, duals, second[duals])
+    return reading, derivative
 
 
 def _stage_by_stage(flow: Flow, state: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
@@ -47,11 +47,11 @@ def _stage_by_stage(flow: Flow, state: torch.Tensor, step: torch.Tensor) -> torc
         first, last = max(k - reach, 0), min(k + reach + 1, stages)
         drive = flow.window(first, last).read(moved[:, first:last]).arriving[:, k - first]
         seen.append(drive)
-        fresh = flow.within_rails(
+        fresh = flow.within_limits(
             (moved[:, k] + step * drive * flow.constants.rates[:, k])[:, None]
         )
         moved = torch.cat([moved[:, :k], fresh, moved[:, k + 1 :]], dim=1)
-    return flow.move(torch.stack(seen, dim=1), state)
+    return flow.derivative(torch.stack(seen, dim=1), state)
 
 
 class Loop:
@@ -87,32 +87,32 @@ class Loop:
         """Next step as the network alone gives it."""
         if self._proposal is None:
             step = self.step_state.step
-            reading, move = move_of(self.order, self.flow, self.state, step)
-            energy = total((reading.drives * move).detach().abs().flatten(0, 1)).sqrt()
+            reading, derivative = derivative_of(self.order, self.flow, self.state, step)
+            energy = total((reading.drives * derivative).detach().abs().flatten(0, 1)).sqrt()
             outside = self.flow.outside(reading, self.signs)
             energy = torch.where(energy.isfinite() & ~outside, energy, torch.inf)
             rejected = torch.zeros_like(outside)
             if self.memory is not None:
                 rejected = self.memory.rejects(energy)
             self.strayed = self.strayed | (outside & ~rejected)
-            self._proposal = Proposal(self.state, step, reading, move, energy, rejected)
+            self._proposal = Proposal(self.state, step, reading, derivative, energy, rejected)
         return self._proposal
 
     def advance(self) -> None:
         """Take one step of every sample."""
         proposal = self.proposal
-        move, energy = self.before
-        along = total((proposal.reading.drives * move).detach().flatten(0, 1))
+        derivative, energy = self.before
+        along = total((proposal.reading.drives * derivative).detach().flatten(0, 1))
         turn = turn_of(LIBRARY, along, proposal.energy * energy)
-        self.before = proposal.move.detach(), proposal.energy
+        self.before = proposal.derivative.detach(), proposal.energy
         following, cut = next_step(LIBRARY, self.lengths, self.step_state, proposal.energy, turn)
         if self.memory is None:
-            state = proposal.state + proposal.step * proposal.move
+            state = proposal.state + proposal.step * proposal.derivative
         else:
             following = _where(proposal.rejected, self.step_state, following)
             cut = cut & ~proposal.rejected
             self.memory, state = self.memory.next(proposal, cut)
-        self.state = self.flow.within_rails(state)
+        self.state = self.flow.within_limits(state)
         self.time = self.time + proposal.step
         self.step_state, self._proposal = following, None
         self.done += 1
@@ -162,8 +162,8 @@ class Loop:
         self.strayed = self.strayed[samples]
         state, step_state = self.first
         self.first = state[..., samples], _select(step_state, samples)
-        move, energy = self.before
-        self.before = move[..., samples], energy[samples]
+        derivative, energy = self.before
+        self.before = derivative[..., samples], energy[samples]
         self.step_state = _select(self.step_state, samples)
         self.memory = self.memory and self.memory.select(samples)
         self.signs = [s if s.shape[-1] == 1 else s[..., samples] for s in self.signs]

@@ -41,7 +41,7 @@ class Proposal(NamedTuple):
     state: torch.Tensor  # current state (P, N, B) in network units
     step: torch.Tensor  # step length h (B,) in units of network time
     reading: Reading  # block arguments and drives at the state
-    move: torch.Tensor  # move m (P, N, B) of the update order
+    derivative: torch.Tensor  # move m (P, N, B) of the update order
     energy: torch.Tensor  # energy (B,), sqrt(sum |d m|), infinite outside a domain
     rejected: torch.Tensor  # mask (B,) of samples whose last step is taken back by the acceleration
 
@@ -58,10 +58,10 @@ class Memory(NamedTuple):
 
     rule: Anderson  # parameters of the acceleration
     states: torch.Tensor  # differences dX (m, P, N, B); zero for an empty entry
-    moves: torch.Tensor  # differences dF (m, P, N, B), weighted
+    derivatives: torch.Tensor  # differences dF (m, P, N, B), weighted
     gram: torch.Tensor  # gram matrices dF' dF (m, m, B)
     last_state: torch.Tensor  # last state (P, N, B)
-    last_move: torch.Tensor  # last move (P, N, B), weighted
+    last_derivative: torch.Tensor  # last move (P, N, B), weighted
     known: torch.Tensor  # mask (B,) of samples that have a last state
     safe: torch.Tensor  # energy (B,) of the last state before an accelerated step, else infinite
     resume: torch.Tensor  # energy (B,) to resume at; infinite while active, zero if ended
@@ -78,10 +78,10 @@ class Memory(NamedTuple):
         return cls(
             rule=rule,
             states=state.new_zeros(rule.memory, *state.shape),
-            moves=state.new_zeros(rule.memory, *state.shape),
+            derivatives=state.new_zeros(rule.memory, *state.shape),
             gram=state.new_zeros(rule.memory, rule.memory, len(no_energy)),
             last_state=torch.zeros_like(state),
-            last_move=torch.zeros_like(state),
+            last_derivative=torch.zeros_like(state),
             known=torch.zeros_like(no_energy, dtype=torch.bool),
             safe=no_energy,
             resume=no_energy,
@@ -91,7 +91,16 @@ class Memory(NamedTuple):
 
     def select(self, samples: torch.Tensor) -> Memory:
         """Return the memory of these samples (b,)."""
-        names = "states", "moves", "gram", "last_state", "last_move", "known", "safe", "resume"
+        names = (
+            "states",
+            "derivatives",
+            "gram",
+            "last_state",
+            "last_derivative",
+            "known",
+            "safe",
+            "resume",
+        )
         return self._replace(**{name: getattr(self, name)[..., samples] for name in names})
 
     def ended(self, samples: torch.Tensor) -> Memory:
@@ -113,7 +122,7 @@ class Memory(NamedTuple):
         last step is rejected, is cleared.
         """
         rejected, energy, h = proposal.rejected, proposal.energy, proposal.step
-        x, m, w = proposal.state, proposal.move, self.weight
+        x, m, w = proposal.state, proposal.derivative, self.weight
         known, weighted = self.known & ~rejected & ~cut, m * w
         wanted = _remember(self, x, weighted, known, forget=rejected | cut)
         ended = self.resume == 0
@@ -122,15 +131,15 @@ class Memory(NamedTuple):
         accelerated = known & ~resume.isfinite()
         gamma = _combination(self.rule, self.gram, wanted)
         ahead, following = weighted, x.clone()
-        for share, moved, led in zip(gamma, self.moves, self.states):
+        for share, moved, led in zip(gamma, self.derivatives, self.states):
             ahead.addcmul_(share, moved, value=-1)
             following.addcmul_(share, led, value=-1)
         following = following + h * (ahead / w)
-        back = self.last_state + h * self.last_move / w
+        back = self.last_state + h * self.last_derivative / w
         plain = torch.where(rejected, back, x + h * m)
         return self._replace(
             last_state=x,
-            last_move=m * w,
+            last_derivative=m * w,
             known=~rejected,
             safe=torch.where(accelerated, energy, torch.inf),
             resume=resume,
@@ -168,7 +177,7 @@ def solved(matrices: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
 def _remember(
     memory: Memory,
     x: torch.Tensor,
-    move: torch.Tensor,
+    derivative: torch.Tensor,
     known: torch.Tensor,
     *,
     forget: torch.Tensor,
@@ -179,19 +188,25 @@ def _remember(
     """
     slot, gone = memory.slot, forget.nonzero()[:, 0]
     memory.states[slot] = torch.where(known, x - memory.last_state, 0.0)
-    memory.moves[slot] = torch.where(known, move - memory.last_move, 0.0)
+    memory.derivatives[slot] = torch.where(known, derivative - memory.last_derivative, 0.0)
     if len(gone):
-        for kept in (memory.states, memory.moves, memory.gram):
+        for kept in (memory.states, memory.derivatives, memory.gram):
             kept.index_fill_(-1, gone, 0.0)
-    newest = memory.moves[slot]
-    products, wanted = _products(memory.moves, newest), _products(memory.moves, move)
+    newest = memory.derivatives[slot]
+    products, wanted = (
+        _products(memory.derivatives, newest),
+        _products(memory.derivatives, derivative),
+    )
     memory.gram[slot], memory.gram[:, slot] = products, products
     return wanted
 
 
-def _products(differences: torch.Tensor, move: torch.Tensor) -> torch.Tensor:
+def _products(differences: torch.Tensor, derivative: torch.Tensor) -> torch.Tensor:
     """Return dF' m (m, B) of differences (m, P, N, B) and a move (P, N, B)."""
-    many = max(AT_ONCE // move.numel(), 1)
+    many = max(AT_ONCE // derivative.numel(), 1)
     return torch.cat(
-        [total((part * move).flatten(1, 2).transpose(0, 1)) for part in differences.split(many)]
+        [
+            total((part * derivative).flatten(1, 2).transpose(0, 1))
+            for part in differences.split(many)
+        ]
     )

@@ -62,13 +62,13 @@ class PyramidLayer(nn.Module):
 
     def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
         """Return M d (P, N, B), for drives (P, N, B)."""
-        moves = drives * constants.rates
+        derivatives = drives * constants.rates
         samples = drives.shape[-1]
         chain = drives.flatten(0, 1)[self.chain].reshape(len(self.left), -1)
         grid = self._down(chain).reshape(self.sizes[0], -1, samples)
         up = self._up(self._respond(constants.grids, grid).flatten(1))
-        added = moves.flatten(0, 1).index_add(0, self.chain, up.reshape(-1, samples))
-        return added.reshape(moves.shape)
+        added = derivatives.flatten(0, 1).index_add(0, self.chain, up.reshape(-1, samples))
+        return added.reshape(derivatives.shape)
 
     def clamped(
         self, constants: Constants, drives: torch.Tensor, places: torch.Tensor, held: torch.Tensor
@@ -86,17 +86,17 @@ class PyramidLayer(nn.Module):
         pull = self(constants, drives).flatten(0, 1)[places]
         currents = -applied(inverted(matrix), pull * marks) * marks
         pushed = drives.flatten(0, 1).index_add(0, places, currents).reshape(drives.shape)
-        moves = self(constants, pushed).flatten(0, 1)
-        moves = moves.index_copy(0, places, moves[places] * (1 - marks))
-        return moves.reshape(drives.shape), currents
+        derivatives = self(constants, pushed).flatten(0, 1)
+        derivatives = derivatives.index_copy(0, places, derivatives[places] * (1 - marks))
+        return derivatives.reshape(drives.shape), currents
 
     def _down(self, chain: torch.Tensor) -> torch.Tensor:
         """Return the restriction (points, C B) of a chain (2 N, C B) to the finest level."""
         return total(self.weight * chain[self.heard])
 
-    def _up(self, move: torch.Tensor) -> torch.Tensor:
+    def _up(self, derivative: torch.Tensor) -> torch.Tensor:
         """Apply the transpose of `_down`."""
-        return (1 - self.share) * move[self.left] + self.share * move[self.left + 1]
+        return (1 - self.share) * derivative[self.left] + self.share * derivative[self.left + 1]
 
     def _respond(self, grids: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
         """Return rates (points, C, B) of the coarse neurons, summed on the finest level."""
@@ -104,10 +104,10 @@ class PyramidLayer(nn.Module):
         for gain in grids.split(self.sizes):
             rates.append(applied(gain, grid))
             grid = _coarsened(grid)
-        move = rates.pop()
+        derivative = rates.pop()
         while rates:
-            move = rates.pop() + _refined(move)
-        return move
+            derivative = rates.pop() + _refined(derivative)
+        return derivative
 
 
 def _hats(tape: Tape, points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -215,8 +215,8 @@ class EliminationLayer(nn.Module):
         self, constants: Constants, drives: torch.Tensor, solved: torch.Tensor
     ) -> torch.Tensor:
         """Return moves (P, N, B) from the solution (blocks b, B) and uncoupled rates."""
-        moves = drives * (constants.rates * self.alone)
-        return moves.flatten(0, 1).index_add(0, self.places, solved).reshape(drives.shape)
+        derivatives = drives * (constants.rates * self.alone)
+        return derivatives.flatten(0, 1).index_add(0, self.places, solved).reshape(drives.shape)
 
     @property
     def _levels(self) -> list[tuple[torch.Tensor, torch.Tensor]]:

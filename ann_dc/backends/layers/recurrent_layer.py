@@ -294,10 +294,10 @@ def _solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.T
 
 def _factors(network: Network, entries: np.ndarray, saturated: np.ndarray) -> list[Any]:
     factors = []
-    for data, rails in zip(entries, saturated):
+    for data, limits in zip(entries, saturated):
         try:
             # a neuron at its rail stays there: its row of J is zero, and here one
-            matrix = (evaluator(network).sparse(data) + sparse.diags_array(rails)).tocsc()
+            matrix = (evaluator(network).sparse(data) + sparse.diags_array(limits)).tocsc()
             factors.append(scipy.sparse.linalg.splu(matrix) if np.isfinite(data).all() else None)
         except RuntimeError:  # exactly singular: the point is not isolated
             factors.append(None)

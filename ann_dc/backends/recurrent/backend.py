@@ -15,10 +15,10 @@ import numpy as np
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.batched.group import Group
+from ann_dc.backends.batched.recurrence import Checks, Recurrence, recur_lanes
+from ann_dc.backends.batched.recurrence_code import ROWS
 from ann_dc.backends.lane_batch import Thread, attempts_of, ends_of, run_lanes
-from ann_dc.backends.lanes.group import Group
-from ann_dc.backends.lanes.recurrence import Looks, Recurrence, recur_lanes
-from ann_dc.backends.lanes.recurrence_code import ROWS
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import GROWTH, Settling
@@ -168,7 +168,7 @@ class RecurrentBackend:
         """
         why: list[str] = []
 
-        def told(line: str) -> None:
+        def reported(line: str) -> None:
             try:
                 self.progress(line)
             except Stopped as end:
@@ -176,7 +176,7 @@ class RecurrentBackend:
                 raise
 
         room = int(np.clip(LARGEST_CURVE // max(network.size, 1), 2, 2 * SAMPLES))
-        batch = self._batch(network, {}, None, None, check=1, curves=room, progress=told)
+        batch = self._batch(network, {}, None, None, check=1, curves=room, progress=reported)
         curve, recorder = batch.trajectory(0), Recorder(network)
         recorder.record_all(curve.residual_time, curve.residuals, curve.states)
         now, steps = recorder.residual_times[-1], int(batch.steps[0])
@@ -209,9 +209,9 @@ class RecurrentBackend:
                 "numbers: only generated code takes those of every sample; leave out acceleration "
                 "and device, and connections beyond neighbours"
             )
-        from ann_dc.backends.recurrent import in_layers  # needs torch
+        from ann_dc.backends.layers import batch_run  # needs torch
 
-        return in_layers.run_batch(
+        return batch_run.run_batch(
             self.layer(network),
             inputs,
             x,
@@ -226,10 +226,10 @@ class RecurrentBackend:
         """Return a function that prepares the recurrence of a thread, checked now and then."""
         lengths = lengths_of(self.step or AdaptiveStep(), StepLimits(network))
         order, ends = NAMES.index(self.order.name), ends_of(self.settling, self.limit)
-        looks, attempts = Looks(order, check, GROWTH, ends), attempts_of(network)
+        checks, attempts = Checks(order, check, GROWTH, ends), attempts_of(network)
 
         def begin(lanes: Lanes) -> Thread:
-            group, recurrence = Group.of(lanes, 2, ROWS), Recurrence.of(lanes, lengths, looks)
+            group, recurrence = Group.of(lanes, 2, ROWS), Recurrence.of(lanes, lengths, checks)
             return Thread(group, lambda *given: recur_lanes(group, recurrence, *given, attempts))
 
         return begin

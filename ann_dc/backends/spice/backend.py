@@ -31,7 +31,7 @@ from ann_dc.backends.spice.probe import probed, span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, rounded_to_series
 from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ScalingRules
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.emulation import Emulation
@@ -72,7 +72,7 @@ class SpiceBackend:
         errors are added to the series rounding.
     headroom : float, default `HEADROOM`
         Full scale relative to the largest value of the probe run, at least 1; see `scale`.
-    margin : float, optional
+    bandwidth_margin : float, optional
         Bandwidth margin, the usable bandwidth of the parts over that of the network's fastest mode:
         k = 2 pi f T / radius. The default is `MARGIN`, or the margin that capacitances and poles of
         the parts require.
@@ -109,7 +109,7 @@ class SpiceBackend:
     seed: Index | None = None
     series: Series = EXACT
     headroom: Headroom = HEADROOM
-    margin: PositiveFinite | None = None
+    bandwidth_margin: PositiveFinite | None = None
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     node_lag: PositiveFinite = NODE_LAG
     require_stable: bool = True
@@ -150,7 +150,7 @@ class SpiceBackend:
         check_buildable(network, level, self.series)
         rules = ScalingRules(
             gbw=level.datasheet.usable_bandwidth,
-            margin=self.margin or MARGIN,
+            bandwidth_margin=self.bandwidth_margin or MARGIN,
             full_scale=level.full_scale,
             headroom=self.headroom,
             intervals=self.intervals,
@@ -161,7 +161,7 @@ class SpiceBackend:
             scaling=found.scaling,
             level=level,
             x=found.trajectory.final,
-            margin=self.margin,
+            bandwidth_margin=self.bandwidth_margin,
             lag=self.node_lag / found.rate,
         )
         return sized_circuit(sizing, progress=self.progress), found.trajectory
@@ -174,7 +174,7 @@ class SpiceBackend:
         level's tolerances give the size of drawn errors. Errors of a foundry's transistors come
         from its models in the deck, with the same seed.
         """
-        off = snapped(circuit, self.series)
+        off = rounded_to_series(circuit, self.series)
         if self.seed is None:
             return off
         sizes = self.level.tolerances
@@ -218,7 +218,7 @@ class SpiceBackend:
         else:
             why = (
                 f"parts of {self.level.datasheet.usable_bandwidth:.3g} Hz are too slow at margin "
-                f"{circuit.scaling.margin:g}; {cure(circuit, self.level, probe.final)}"
+                f"{circuit.scaling.bandwidth_margin:g}; {cure(circuit, self.level, probe.final)}"
             )
         raise NetworkError(
             f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "

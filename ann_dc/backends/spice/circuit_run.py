@@ -274,9 +274,9 @@ def _reached(
     """Return every node's largest magnitude relative to its limit, in falling order."""
     found = []
     for (name, stage), across in volts.items():
-        rails = _rails(circuit, name, datasheet)
-        clips = bool(np.isfinite(rails))
-        limit = KNEE * rails if clips else OVERLOAD * circuit.scaling.full_scale
+        swing = _swing(circuit, name, datasheet)
+        clips = bool(np.isfinite(swing))
+        limit = KNEE * swing if clips else OVERLOAD * circuit.scaling.full_scale
         sample = int(np.abs(across).argmax())
         place = {"node": name, "stage": stage, "time": float(seconds[sample])}
         reached = float(np.abs(across[sample]))
@@ -284,11 +284,11 @@ def _reached(
     return sorted(found, key=lambda node: -node.volts / node.limit)
 
 
-def _rails(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
+def _swing(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
     """Return the volts at which the part of a node saturates."""
     part = circuit.schematic.by_name.get(name)
     computed = isinstance(part, (Multiplier, Generator))
-    return datasheet.multiplier_rails if computed else datasheet.rails
+    return datasheet.multiplier_output_swing if computed else datasheet.output_swing
 
 
 def check_full_scale(level: Level) -> None:

@@ -26,7 +26,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import ProbeRun, Scaling, ScalingRules, scale
 from ann_dc.hardware.emulation.building import emulate
-from ann_dc.hardware.emulation.clamps import beside_rails
+from ann_dc.hardware.emulation.clamps import beside_limits
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.states import pole_spectrum, settled_state
 from ann_dc.hardware.parts.levels import Level
@@ -182,6 +182,6 @@ def _lifetimes_of_error(emulation: Emulation, probe: Trajectory) -> float:
 
 def _slowest(emulation: Emulation, level: Level, probe: Trajectory) -> float:
     """Return the slowest time constant of the pole model; 0 if a pole grows."""
-    built = beside_rails(emulation, level.datasheet, probe.final)
+    built = beside_limits(emulation, level.datasheet, probe.final)
     abscissa = pole_spectrum(built, probe.final).abscissa
     return -1 / abscissa if abscissa < 0 else 0.0

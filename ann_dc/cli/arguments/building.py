@@ -59,10 +59,12 @@ def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:
         return backend
     check_preconditioner(kind, backend.level)
     if not backend.level.emulated:
-        margin = fitted_to_build(replace(backend, level=macro()), network).margin
-        return replace(backend, margin=margin)
+        bandwidth_margin = fitted_to_build(
+            replace(backend, level=macro()), network
+        ).bandwidth_margin
+        return replace(backend, bandwidth_margin=bandwidth_margin)
     found = fitted(backend, network)
-    if not math.isfinite(found.margin or 0.0):
+    if not math.isfinite(found.bandwidth_margin or 0.0):
         raise ProblemError(
             f"--metric: no margin makes the {kind.value} stable with op amps of level "
             f"{backend.level.name}; choose another, or --metric diagonal"

@@ -126,7 +126,7 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
     from ann_dc.backends.spice.pdk import PACKAGE, installed
     from ann_dc.hardware.parts.level_words import LevelWord, level_words
     from ann_dc.hardware.parts.levels import TRANSISTOR, Level, transistor
-    from ann_dc.hardware.schematic.buildable import with_rails
+    from ann_dc.hardware.schematic.buildable import clamped_full_scale
     from ann_dc.network.network import Network
 
     word, op_amps = options.level, options.op_amps()
@@ -148,7 +148,7 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
         installed()
 
     def build(network: Network) -> Level:
-        return with_rails(network, found.made(network, **op_amps))
+        return clamped_full_scale(network, found.made(network, **op_amps))
 
     return build
 

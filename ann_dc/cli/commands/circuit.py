@@ -32,7 +32,7 @@ from ann_dc.report.json_file import make_room
 class BuildOptions:
     """Options of the circuit construction from the parts of a level."""
 
-    margin: MarginOption = None
+    bandwidth_margin: MarginOption = None
     full_scale: float | None = option(
         "Voltage that stands for the largest value.",
         metavar="V",
@@ -180,7 +180,7 @@ def circuit(
                 models = replace(models, full_scale=build.full_scale)
             asked = SpiceBackend(
                 level=models,
-                margin=build.margin,
+                bandwidth_margin=build.bandwidth_margin,
                 seed=build.seed,
                 series=series,
                 progress=progress,

@@ -19,7 +19,7 @@ from ann_dc.report.json_file import make_room
 def ladder(
     *,
     problem: ProblemOptions,
-    margin: MarginOption = None,
+    bandwidth_margin: MarginOption = None,
     seed: int = option(
         "Of the offsets, tolerances and gain errors of the parts.", default=1, min=0
     ),
@@ -55,21 +55,26 @@ def ladder(
 
         from ann_dc.backends.spice.backend import SpiceBackend
         from ann_dc.cli.arguments.building import fitted_to_build, network_to_build
-        from ann_dc.fidelity.level_comparison import Ladder, compare_levels, quick
+        from ann_dc.fidelity.level_comparison import LevelComparison, compare_levels, quick
         from ann_dc.hardware.parts.levels import macro
         from ann_dc.optimality.reference_solvers import time_solvers
-        from ann_dc.report.level_comparison import ladder_table, write_ladder
+        from ann_dc.report.level_comparison import level_table, write_level_comparison
 
         with arithmetic_of(declared):
             network = network_to_build(declared, kind, progress=progress)
-            asked = SpiceBackend(level=macro(), margin=margin, progress=progress)
+            asked = SpiceBackend(
+                level=macro(), bandwidth_margin=bandwidth_margin, progress=progress
+            )
             rungs = compare_levels(
                 network,
-                Ladder(margin=fitted_to_build(asked, network).margin, progress=progress),
+                LevelComparison(
+                    bandwidth_margin=fitted_to_build(asked, network).bandwidth_margin,
+                    progress=progress,
+                ),
                 seed=seed,
-                wanted=(lambda rung: True) if slow else quick,
+                wanted=(lambda compared: True) if slow else quick,
                 timings=time_solvers(declared),
             )
             done = [*rungs]
-        written = write_ladder(done, declared, figure=figure, json_file=json_file)
-    finish([ladder_table(done, str(declared))], written, quiet=quiet)
+        written = write_level_comparison(done, declared, figure=figure, json_file=json_file)
+    finish([level_table(done, str(declared))], written, quiet=quiet)

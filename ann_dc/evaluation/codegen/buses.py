@@ -48,8 +48,8 @@ class Buses:
             if self.is_row:
                 total = f.spread(f.across("fadd", total))
             drive = at_limits(row, total)
-            move = f.op("fmul", self._rate(row), drive)
-            for name, value in (("drives", drive), ("out", move)):
+            derivative = f.op("fmul", self._rate(row), drive)
+            for name, value in (("drives", drive), ("out", derivative)):
                 self._put(value, self._address(name, row))
 
     def _address(self, name: str, row: int, beyond: int = 0) -> str:

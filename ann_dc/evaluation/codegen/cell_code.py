@@ -59,7 +59,7 @@ GIVEN = (*INTEGERS, "clamp")
 """Fields that are not addresses of tables: integers, and the called function."""
 _GHOSTED = ("x", "inputs", "work", "slots")
 """Fields with a ghost chunk at either end."""
-NAMES = "rhs", "cell", "preconditioner", "rails", "residuals", "keep"
+NAMES = "rhs", "cell", "preconditioner", "projection", "residuals", "keep"
 """Functions of a piece of code."""
 
 
@@ -72,14 +72,14 @@ def cell_code(plan: Plan) -> str:
 
     The parts of ``rhs`` are separate functions. ``i64 cell(table, x, out)`` computes the
     derivatives that every net input causes alone, for the chunks that the table names.
-    ``preconditioner(table, out)`` adds the coupling. ``rails(table, x, out)`` projects the
+    ``preconditioner(table, out)`` adds the coupling. ``projection(table, x, out)`` projects the
     derivatives on the saturation limits and cuts the net inputs of coupled neurons, which ``cell``
     does not cut. ``keep(table, x, x)`` clips states that a step took past a limit.
     """
     module = Module()
     _CellWriter(plan, module, "cell").write_cell()
     add_preconditioner(module, plan, _fields)
-    _CellWriter(plan, module, "rails").write_projection()
+    _CellWriter(plan, module, "projection").write_projection()
     _CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
     roles, is_row = plan.tape.roles.tolist(), plan.axis is Axis.STAGES
@@ -94,7 +94,7 @@ def _whole(plan: Plan, module: Module) -> None:
     if plan.has_preconditioner:
         f.do("call i64 @preconditioner(ptr %table, ptr %out)")
     if plan.clamped:
-        f.do("call i64 @rails(ptr %table, ptr %x, ptr %out)")
+        f.do("call i64 @projection(ptr %table, ptr %x, ptr %out)")
     f.done(outside)
 
 
@@ -332,18 +332,18 @@ class _CellWriter:
         f.store(drive, self.row("drives", row))
         f.store(f.op("fmul", rate, drive), self.row("out", row))
 
-    def _at_limits(self, row: int, move: str) -> str:
+    def _at_limits(self, row: int, derivative: str) -> str:
         """Cut a net input that leads past the limit of an uncoupled neuron."""
         if row not in self.cut:
-            return move
+            return derivative
         f, state, zero = self.f, self.value(row), self.f.constant(0.0)
         down = f.logical(
-            "and", f.compare("ole", state, self._limit(row, 0)), f.compare("olt", move, zero)
+            "and", f.compare("ole", state, self._limit(row, 0)), f.compare("olt", derivative, zero)
         )
         up = f.logical(
-            "and", f.compare("oge", state, self._limit(row, 1)), f.compare("ogt", move, zero)
+            "and", f.compare("oge", state, self._limit(row, 1)), f.compare("ogt", derivative, zero)
         )
-        return f.select(f.logical("or", down, up), zero, move)
+        return f.select(f.logical("or", down, up), zero, derivative)
 
 
 JACOBIAN_FIELDS = (*FIELDS, "slots")
@@ -403,7 +403,7 @@ def slots_of(plan: Plan) -> Slots:
 def jacobian_code(slots: Slots) -> str:
     """Return the LLVM text of ``cell`` and ``jacobian``.
 
-    The functions are ``i64 cell(table, x, moves)`` and ``jacobian(table, x, out)``. Call
+    The functions are ``i64 cell(table, x, derivatives)`` and ``jacobian(table, x, out)``. Call
     ``jacobian`` after ``cell``.
     """
     module = Module()
@@ -417,7 +417,7 @@ class _JacobianWriter(_CellWriter):
 
     def __init__(self, slots: Slots, module: Module) -> None:
         super().__init__(slots.plan, module, "jacobian")
-        self.slots, self.derivative = slots, dict[int, str]()
+        self.slots, self.entry = slots, dict[int, str]()
         self.step = {node: step for step, node in enumerate(self.tape.blocks[:, 1].tolist())}
         self.base["slots"] = self.f.field("%table", JACOBIAN_FIELDS.index("slots"))
         self.rows |= {"out": len(slots.used), "slots": len(slots.stored)}
@@ -426,7 +426,7 @@ class _JacobianWriter(_CellWriter):
         for phase in range(1 + max(self.slots.phase.values(), default=0)):
             with self.f.loop(self.base["chunks"]) as chunk:
                 self.begin(chunk)
-                self.derivative = {}
+                self.entry = {}
                 operations = [
                     operation
                     for operation in self.slots.operations
@@ -436,7 +436,7 @@ class _JacobianWriter(_CellWriter):
                 for number, (slot, *rest) in enumerate(operations):
                     self._add(slot, *rest)
                     if last[slot] == number:  # at once: what waits for the end fills the registers
-                        self._keep(slot, self.derivative[slot])
+                        self._keep(slot, self.entry[slot])
         self.f.done()
 
     def watch(self, step: int, code: int, argument: str) -> None:
@@ -451,7 +451,7 @@ class _JacobianWriter(_CellWriter):
 
     def _add(self, target: int, source: int, offset: int, kind: int, index: int) -> None:
         """Write d(target) += factor * d(source)."""
-        f, total = self.f, self.derivative.get(target)
+        f, total = self.f, self.entry.get(target)
         share = None if source < self.plan.neurons else self._read(source, offset)
         unit = self.plan.unit[index] if kind == BY_WEIGHT else 0
         if unit and share:
@@ -461,10 +461,10 @@ class _JacobianWriter(_CellWriter):
         else:
             factor = self._factor(kind, index)
             if share and total:
-                self.derivative[target] = f.fma(factor, share, total)
+                self.entry[target] = f.fma(factor, share, total)
                 return
             term = f.op("fmul", factor, share) if share else factor
-        self.derivative[target] = f.op("fadd", total, term) if total else term
+        self.entry[target] = f.op("fadd", total, term) if total else term
 
     def _factor(self, kind: int, index: int) -> str:
         if kind == BY_WEIGHT:
@@ -476,8 +476,8 @@ class _JacobianWriter(_CellWriter):
 
     def _read(self, slot: int, offset: int) -> str:
         """Return a slot of this phase, of an earlier phase or of a neighbour."""
-        if offset == 0 and slot in self.derivative:
-            return self.derivative[slot]
+        if offset == 0 and slot in self.entry:
+            return self.entry[slot]
         return self.at_neighbour("slots", self.slots.stored[slot], offset)
 
     def _keep(self, slot: int, found: str) -> None:

@@ -19,7 +19,7 @@ from ann_dc.evaluation.codegen.plan import Axis, Plan, refusal
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.evaluation.pivots import clamped_moves
+from ann_dc.evaluation.pivots import clamped_derivative
 from ann_dc.evaluation.reference import evaluator, node_values, outside_of
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
@@ -111,18 +111,18 @@ class GeneratedEvaluator(Evaluator):
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """Return dx/ds (n,)."""
         self._evaluate(x)
-        return self.lanes.moves[self.lanes.components]
+        return self.lanes.derivatives[self.lanes.components]
 
-    def move(self, drive: np.ndarray) -> np.ndarray:
+    def derivative(self, drive: np.ndarray) -> np.ndarray:
         """Multiply net inputs (n,) by M."""
         lanes, places = self.lanes, self.lanes.components
         drives = lanes.tables["drives"]
         drives[:] = 0.0
         drives[places] = drive
-        lanes.moves[places] = drive * self._rates
+        lanes.derivatives[places] = drive * self._rates
         if lanes.plan.has_preconditioner:
             self._call("preconditioner")
-        return lanes.moves[places]
+        return lanes.derivatives[places]
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Return the relative (constraint, stationarity) residuals."""
@@ -162,9 +162,15 @@ class GeneratedEvaluator(Evaluator):
     def _bound(self, name: str) -> Callable[[], int]:
         lanes = self.lanes
         if name in JACOBIAN_NAMES:
-            entry, out = lanes.jacobian, lanes.moves if name == "cell" else lanes.jacobian.found
+            entry, out = (
+                lanes.jacobian,
+                lanes.derivatives if name == "cell" else lanes.jacobian.found,
+            )
         else:
-            entry, out = lanes.entry, lanes.entry.found if name == "residuals" else lanes.moves
+            entry, out = (
+                lanes.entry,
+                lanes.entry.found if name == "residuals" else lanes.derivatives,
+            )
         arrays = (entry.table, out) if name == "preconditioner" else (entry.table, self._state, out)
         function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(arrays))
         return partial(function(getattr(entry, name)), *(array.ctypes.data for array in arrays))
@@ -172,8 +178,8 @@ class GeneratedEvaluator(Evaluator):
     # ---- what generated code can do besides --------------------------------------------------
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return `move` with some neurons held."""
-        return clamped_moves(self.tape, held) or self.move
+        """Return `derivative` with some neurons held."""
+        return clamped_derivative(self.tape, held) or self.derivative
 
     def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
         """Estimate the spectral radius of d rhs / dx; see `Evaluator.fastest_rate`."""
@@ -188,7 +194,7 @@ class GeneratedEvaluator(Evaluator):
             self.tape.entries,
             values,
             np.random.default_rng(0).standard_normal(len(x)),
-            (lanes.tables["drives"], lanes.moves),
+            (lanes.tables["drives"], lanes.derivatives),
             iterations,
         )
 
@@ -204,7 +210,7 @@ class GeneratedEvaluator(Evaluator):
         state = lanes.state(x)
         code = np.array([entry.rhs, entry.residuals, entry.table.ctypes.data, entry.ghost])
         done, last, outcome = recur(
-            code, state, lanes.moves, entry.found, limits, step, count, tolerance
+            code, state, lanes.derivatives, entry.found, limits, step, count, tolerance
         )
         x[:] = state[entry.ghost + places]
         return done, last, outcome

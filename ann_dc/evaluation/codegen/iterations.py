@@ -10,7 +10,7 @@ from ann_dc.evaluation.rules import LOST, OVERFLOW, RAN, SETTLED
 
 
 @compiled
-def recur(entry, x, moves, found, limits, step, count, tolerance):
+def recur(entry, x, derivatives, found, limits, step, count, tolerance):
     """Run up to ``count`` forward Euler steps of ``step`` on a state in place.
 
     Step, count, tolerance and the results (steps, residual, outcome) are those of `loops.recur`.
@@ -20,7 +20,7 @@ def recur(entry, x, moves, found, limits, step, count, tolerance):
     """
     rhs, residuals, table, ghost, last = entry[0], entry[1], entry[2], entry[3], 0.0
     for done in range(count):
-        outside = call(rhs, (table, x.ctypes.data, moves.ctypes.data), ())
+        outside = call(rhs, (table, x.ctypes.data, derivatives.ctypes.data), ())
         call(residuals, (table, x.ctypes.data, found.ctypes.data), ())
         last = max(found[0], found[1])
         if last < tolerance:
@@ -29,11 +29,11 @@ def recur(entry, x, moves, found, limits, step, count, tolerance):
             return done, last, LOST
         reach = step
         for i in range(limits.shape[0]):
-            speed = abs(moves[i])
+            speed = abs(derivatives[i])
             if reach * speed > limits[i, 0]:
                 reach = limits[i, 0] / speed
         for i in range(limits.shape[0]):
-            moved = x[ghost + i] + reach * moves[i]
+            moved = x[ghost + i] + reach * derivatives[i]
             x[ghost + i] = min(max(moved, limits[i, 1]), limits[i, 2])
     return count, last, RAN
 
@@ -65,18 +65,18 @@ def grown(entry, places, rates, entries, values, v, tables, iterations):
     ``tables`` are the net inputs and derivatives of ``preconditioner``.
     """
     preconditioner, table, rate = entry[0], entry[1], 1.0
-    drives, moves = tables
+    drives, derivatives = tables
     for i in range(len(drives)):
         drives[i] = 0.0
     length = _length(v)
     for _ in range(iterations):
         _push(drives, places, entries, values, v, length)
         for i in range(len(v)):
-            moves[places[i]] = drives[places[i]] * rates[i]
+            derivatives[places[i]] = drives[places[i]] * rates[i]
         if preconditioner != 0:
-            call(preconditioner, (table, moves.ctypes.data), ())
+            call(preconditioner, (table, derivatives.ctypes.data), ())
         for i in range(len(v)):
-            v[i] = moves[places[i]]
+            v[i] = derivatives[places[i]]
         length = _length(v)
         if not 0.0 < length < math.inf:
             break

@@ -41,8 +41,8 @@ class Entry(NamedTuple):
     """Address of ``cell``."""
     preconditioner: int
     """Address of ``preconditioner``."""
-    rails: int
-    """Address of ``rails``."""
+    projection: int
+    """Address of ``projection``."""
     keep: int
     """Address of ``keep``."""
     table: np.ndarray
@@ -80,7 +80,8 @@ class Lanes:
     """Tables of one network, or of one sample per lane; use one object per thread.
 
     An existing plan that serves the tape may be given. ``tables`` contains the tables by their
-    names in ``FIELDS``. ``moves`` is the result dx/ds of a single call, in a table without ghosts.
+    names in ``FIELDS``. ``derivatives`` is the result dx/ds of a single call, in a table without
+    ghosts.
     """
 
     def __init__(self, tape: Tape, axis: Axis, plan: Plan | None = None) -> None:
@@ -91,11 +92,11 @@ class Lanes:
         self.size = self.chunks * self.neurons * self.lanes
         beyond = self.neurons * self.lanes if self.plan.has_stiffness else self.lanes
         self.reserve, room = (-(-n // 64) * 64 for n in (self.size, beyond))
-        """Where in a table of moves nobody looks: behind all cells, in whole blocks."""
+        """Where in a table of derivatives nobody looks: behind all cells, in whole blocks."""
         self.spare = self.reserve + room
         """Numbers of such a table; a stiffness has room for a cell more."""
         self.tables = self._tables()
-        self.moves = np.zeros(self.spare)
+        self.derivatives = np.zeros(self.spare)
         self._clamps: LaneClamps | None = None
 
     def renumber(self, tape: Tape) -> bool:
@@ -129,7 +130,7 @@ class Lanes:
             residuals=found["residuals"],
             cell=found["cell"],
             preconditioner=found["preconditioner"],
-            rails=found["rails"],
+            projection=found["projection"],
             keep=found["keep"],
             table=self._addresses_of(FIELDS),
             found=lined_up(np.zeros(3 * self.lanes)),
@@ -174,7 +175,7 @@ class Lanes:
         for made in ("entry", "jacobian"):
             other.__dict__.pop(made, None)
         other.tables = {name: lined_up(table) for name, table in self.tables.items()}
-        other.moves = np.zeros(self.spare)
+        other.derivatives = np.zeros(self.spare)
         return other
 
     # ---- tables ------------------------------------------------------------------------------

@@ -146,7 +146,7 @@ class _StraightPyramid:
                 self.f.store(self.f.op("fadd", self.f.load(at), rate), at)
 
 
-# ---- what a preconditioner adds to the moves, as loops over its nodes: any N with the same code
+# ---- contribution of a preconditioner, as loops over its nodes: any N with the same code ---------
 
 Node: TypeAlias = list[str]
 """Numbers of a node, one vector or several."""

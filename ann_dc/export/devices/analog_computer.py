@@ -37,7 +37,7 @@ from ann_dc.export.devices.elements import (
 from ann_dc.export.reference.sidecar import Places, check_vector, notes_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector, compare
 from ann_dc.lowering.stiffness_sums import reduction
-from ann_dc.lowering.writing import check_rails, program_of
+from ann_dc.lowering.writing import check_limits, program_of
 from ann_dc.network.network import Network
 from ann_dc.validation import PositiveFinite, checked
 from ann_dc.weights.manifest import Table
@@ -93,7 +93,7 @@ def analog_computer_files(
         if given < 1:
             raise ExportError(f"{name}: expected a number from 1 on, got {given:g}")
     check_vector(network, vector)
-    check_rails(network, "integrators of an analog computer")
+    check_limits(network, "integrators of an analog computer")
     labels = [network.label(i) for i in range(network.size)]
     elements = elements_of(program_of(network, 1.0, reduction), labels)
     scales = _scales(elements, headroom * _peaks(network, elements), largest)
@@ -272,7 +272,7 @@ class _Runner:
         x = self.places.pack(start) / self.units
         with np.errstate(all="ignore"):
             for _ in range(count):
-                x = self.machine.within(x + step * self.machine.moves(x))
+                x = self.machine.within(x + step * self.machine.derivatives(x))
         return self._states(x)
 
     def settled(self, time: float) -> tuple[float, float]:
@@ -281,7 +281,7 @@ class _Runner:
 
         machine, peak = self.machine, 0.0
         solver = RK23(
-            lambda _, x: machine.moves(machine.within(x)),
+            lambda _, x: machine.derivatives(machine.within(x)),
             0.0,
             machine.start,
             time,

@@ -122,7 +122,7 @@ def capacitors_files(
         "largest_units": int(max(np.abs(pair).max() for pair in units.values())),
         "units": int(sum(np.abs(pair[:, 0]).sum() for pair in units.values())),
         "step": period,
-        "rails": _rails(network),
+        "rails": _limits(network),
         "ratio_error": weight_error(weights_in(network), found),
         "control_error": control_error(network, with_weights(network, found), vector, period),
     }
@@ -226,7 +226,7 @@ def _weights(network: Network, units: Mapping[str, np.ndarray], step: float) -> 
     return found
 
 
-def _rails(network: Network) -> dict[str, list[float | None]]:
+def _limits(network: Network) -> dict[str, list[float | None]]:
     """Return (low, high) of the neurons with saturation limits; None for no limit."""
     ends = {n.name: (n.limiter.low, n.limiter.high) for n in network.cell.neurons}
     return {

@@ -153,7 +153,7 @@ class Machine:
         """Return the values (E,) of all elements at integrator states x (n,)."""
         return words_of(self._program, self._levels, x)[self._words]
 
-    def moves(self, x: np.ndarray) -> np.ndarray:
+    def derivatives(self, x: np.ndarray) -> np.ndarray:
         """Return dX/dT (n,) of the integrators; zero if a limit would be exceeded."""
         return words_of(self._program, self._levels, x)[self._drives]
 

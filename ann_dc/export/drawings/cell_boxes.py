@@ -183,7 +183,7 @@ class CellBoxes:
             return [Row(text=f"Σ {own}", head=True, sends=name), *self._terms(name)]
         neuron = self._neurons[name]
         rows = [Row(text=f"{INTEGRAL} {own}", right=f"τ {number(neuron.tau)}", head=True)]
-        return [*rows, *self._terms(name), *_rails(neuron)]
+        return [*rows, *self._terms(name), *_limits(neuron)]
 
     def _inner_rows(self, name: str, inside: set[str]) -> list[Row]:
         """Return the rows of a multiplier's node: one row if it has no outside source."""
@@ -199,9 +199,9 @@ class CellBoxes:
         line = " ".join(term(c, self._said(c), not i) for i, c in enumerate(wires))
         near = all(not c.template and c.source in {*inside, ONE} for c in wires)
         if near and text_width(f"{lead} ← {line}") < LONGEST_LINE:
-            return [Row(text=f"{lead} ← {line}", sends=sends), *_rails(self._neurons.get(name))]
+            return [Row(text=f"{lead} ← {line}", sends=sends), *_limits(self._neurons.get(name))]
         head = Row(text=f"{lead} ←", sends=sends)
-        return [head, *self._terms(name, inside), *_rails(self._neurons.get(name))]
+        return [head, *self._terms(name, inside), *_limits(self._neurons.get(name))]
 
     def _said(self, connection: Connection) -> str:
         return self.short.get(connection.source, connection.source)
@@ -238,7 +238,7 @@ class CellBoxes:
         ]
 
 
-def _rails(neuron: Neuron | None) -> list[Row]:
+def _limits(neuron: Neuron | None) -> list[Row]:
     low, high = (neuron.limiter.low, neuron.limiter.high) if neuron else (-np.inf, np.inf)
     words = {
         (True, True): f"rails {number(low)}, {number(high)}",

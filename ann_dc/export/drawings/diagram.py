@@ -39,5 +39,5 @@ def diagram_files(
     if of not in PAGES:
         raise ExportError(f"of: {of!r} cannot be drawn; choose one of: {', '.join(PAGES)}")
     names = {short: name for name, short in short_names(network.cell).items() if short != name}
-    told = told_of(network, "diagram", of) | {"names": names}
-    return {**PAGES[of](network).files(of, told), VECTOR: vector.as_json()}
+    reported = told_of(network, "diagram", of) | {"names": names}
+    return {**PAGES[of](network).files(of, reported), VECTOR: vector.as_json()}

@@ -138,11 +138,11 @@ def _neuron_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
     yield r"\begin{longtable}{lllllll}"
     yield r"neuron & role & $\tau$ & lowest & highest & step of 1 & zero \\ \hline \endhead"
     for neuron in network.cell.neurons:
-        rails = [f"${number(end)}$" for end in (neuron.limiter.low, neuron.limiter.high)]
+        limits = [f"${number(end)}$" for end in (neuron.limiter.low, neuron.limiter.high)]
         role = neuron.role.value + (", shared" if neuron.shared else "")
         scale = [f"${number(neuron.scale.factor)}$", f"${number(neuron.scale.offset)}$"]
         name = f"${at_stage(names[neuron.name])}$"
-        cells = (name, role, f"${range_of(neuron.tau)}$", *rails, *scale)
+        cells = (name, role, f"${range_of(neuron.tau)}$", *limits, *scale)
         yield " & ".join(cells) + r" \\"
     yield r"\end{longtable}"
 

@@ -176,18 +176,18 @@ class Page:
             )
         )  # fmt: skip
 
-    def files(self, name: str, told: Mapping[str, object]) -> dict[str, bytes]:
+    def files(self, name: str, reported: Mapping[str, object]) -> dict[str, bytes]:
         """Return the page as ``name.svg`` and ``name.pdf``, with metadata."""
-        return {f"{name}.svg": self.svg(told), f"{name}.pdf": self.pdf(told)}
+        return {f"{name}.svg": self.svg(reported), f"{name}.pdf": self.pdf(reported)}
 
-    def svg(self, told: Mapping[str, object]) -> bytes:
+    def svg(self, reported: Mapping[str, object]) -> bytes:
         """Return the page as SVG with the given metadata."""
         svg = self._written("svg", {"Date": None, "Creator": None})
-        return _own_svg(svg, _json(told), self._letters).encode()
+        return _own_svg(svg, _json(reported), self._letters).encode()
 
-    def pdf(self, told: Mapping[str, object]) -> bytes:
+    def pdf(self, reported: Mapping[str, object]) -> bytes:
         """Return the page as PDF with the given metadata."""
-        about = {"Title": str(told["title"]), "Subject": _json(told)}
+        about = {"Title": str(reported["title"]), "Subject": _json(reported)}
         return self._written("pdf", about | dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
     def _written(self, kind: str, about: Mapping) -> bytes:
@@ -209,8 +209,8 @@ def told_of(network: Network, form: str, what: str) -> dict[str, object]:
     }
 
 
-def _json(told: Mapping[str, object]) -> str:
-    return json.dumps(told, sort_keys=True, ensure_ascii=True)
+def _json(reported: Mapping[str, object]) -> str:
+    return json.dumps(reported, sort_keys=True, ensure_ascii=True)
 
 
 def _own_svg(svg: bytes, words: str, letters: Mapping[bool, Iterable[str]]) -> str:

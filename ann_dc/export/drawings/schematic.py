@@ -80,9 +80,9 @@ def schematic_files(
             "network with a diagonal, multilevel or cyclic-reduction preconditioner"
         )
     circuit = build(network, level).circuit
-    files, told = {}, told_of(network, "schematic", level)
+    files, reported = {}, told_of(network, "schematic", level)
     for number, page in enumerate(circuit_sheets(circuit, level)):
-        files |= page.files(f"schematic_{number + 1}", told)
+        files |= page.files(f"schematic_{number + 1}", reported)
     return {**files, VECTOR: vector.as_json()}
 
 
@@ -294,17 +294,17 @@ class _Panel:
             farads = float(circuit.own_capacitors(part.name)[self.drawn.stage])
             self.symbols.part("Capacitor", start, right, engineering(farads, "F"))
         if isinstance(part, Integrator) and part.with_limits:
-            self._rails(part, left, right)
+            self._limits(part, left, right)
         if isinstance(part, PICell) and part.rectified:
             self._diodes(out, right)
         else:
             self.symbols.wire([out, (right[0], out[1])])
 
-    def _rails(
+    def _limits(
         self, part: Integrator, left: tuple[float, float], right: tuple[float, float]
     ) -> None:
         """Draw clamps across the capacitor, unless all limits exceed full scale."""
-        if not np.isfinite(self.circuit.rails(part)).any():
+        if not np.isfinite(self.circuit.limits(part)).any():
             return
         over = left[1] - 5.0
         self.symbols.clamp((left[0], over), (right[0], over), self._rail_words(part))
@@ -318,7 +318,7 @@ class _Panel:
         ends = sorted(float(sign * volts(part.name, end)) for end in limits)
         words = [
             engineering(end, "V") + ("" if np.isfinite(built) else " (beyond full scale)")
-            for end, built in zip(ends, self.circuit.rails(part))
+            for end, built in zip(ends, self.circuit.limits(part))
             if np.isfinite(end)
         ]
         return "rails " + ", ".join(words)

@@ -34,7 +34,7 @@ HALVINGS = 3
 """Maximum number of step halvings, used if more inputs settle with shorter steps."""
 SLOWEST = 20
 """Maximum steps of a run relative to those of the test vector; longer runs count as not settled."""
-LOOKS = 8
+CHECKS = 8
 """Number of residual checks within the steps of the test vector."""
 
 
@@ -181,7 +181,7 @@ def _walked(
     walks = Walks(program, loaded)
     if start is not None:
         walks.words[program.states] = start
-    every = max(_steps_of(vector, step) // LOOKS, 1)
+    every = max(_steps_of(vector, step) // CHECKS, 1)
     limit = most or _most_steps(vector, step)
     steps = np.full(walks.words.shape[1], -1)
     moving = np.arange(len(steps))

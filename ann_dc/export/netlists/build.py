@@ -21,14 +21,14 @@ from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, transient_of
 from ann_dc.fidelity.circuit_study import NEAR, undrawn
 from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
-from ann_dc.fidelity.prediction import LARGEST, astray_of, clipped_at, clipping_of
+from ann_dc.fidelity.prediction import LARGEST, clipped_at, clipping_of, other_equilibrium_of
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.circuit.deviations import rounded_to_series
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import E96_PAIRS, SERIES, Series
 from ann_dc.hardware.parts.level_words import level_words
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.buildable import with_rails
+from ann_dc.hardware.schematic.buildable import clamped_full_scale
 from ann_dc.hardware.sizing.bandwidth_margin import cure
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -161,8 +161,8 @@ def _without_ringing(
     if not usual:
         backend = replace(backend, intervals=fitting_intervals(backend, network))
         instance = undrawn(backend, *backend.prepare(network))
-    margin = _margin(instance.circuit, instance.level, instance.probe)
-    backend = replace(backend, margin=margin)
+    bandwidth_margin = _margin(instance.circuit, instance.level, instance.probe)
+    backend = replace(backend, bandwidth_margin=bandwidth_margin)
     instance = undrawn(backend, *backend.prepare(network))
     backend.check_stable(instance.emulation, instance.probe)
     return instance
@@ -177,10 +177,10 @@ def _lost(instance: CircuitInstance) -> list[str]:
         return []
     if clipped_at(instance.emulation, instance.settled).any():
         return [clipping_of(instance, instance.emulation, instance.settled).sentence]
-    if astray := astray_of(instance, transient_of(instance, MOST_STEPS)):
+    if other_equilibrium := other_equilibrium_of(instance, transient_of(instance, MOST_STEPS)):
         return [
-            f"it may settle to a wrong point: emulated from reset, {astray}; design the network "
-            "with another preconditioner, such as PreconditionerKind.MULTILEVEL"
+            f"it may settle to a wrong point: emulated from reset, {other_equilibrium}; design the "
+            "network with another preconditioner, such as PreconditionerKind.MULTILEVEL"
         ]
     return []
 
@@ -198,23 +198,27 @@ def _coarse(instance: CircuitInstance, error: float) -> list[str]:
     if not error > NEAR:
         return []
     size = instance.probe.size_in_words
-    told = f"its controls are predicted to be {error:.1%} of {size} off, above {NEAR:.0%}"
-    pairs = replace(instance, deviations=snapped(instance.circuit, E96_PAIRS))
+    reported = f"its controls are predicted to be {error:.1%} of {size} off, above {NEAR:.0%}"
+    pairs = replace(instance, deviations=rounded_to_series(instance.circuit, E96_PAIRS))
     better = _control_error(pairs) if instance.deviations else np.nan
     if better < NEAR:
-        return [f"{told}, because of the series of its resistors; series=E96-pairs: {better:.1e}"]
-    return [f"{told}; take better parts, or a slower network (ann-dc circuit has the error budget)"]
+        return [
+            f"{reported}, because of the series of its resistors; series=E96-pairs: {better:.1e}"
+        ]
+    return [
+        f"{reported}; take better parts, or a slower network (ann-dc circuit has the error budget)"
+    ]
 
 
 def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """Return the required bandwidth margin of the op amps over the network."""
-    margin = fitting_margin(circuit, level, probe)
-    if not np.isfinite(margin):
+    bandwidth_margin = fitting_margin(circuit, level, probe)
+    if not np.isfinite(bandwidth_margin):
         means = cure(circuit, level, probe.final)
         if circuit.schematic.network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
             means += ", or design the network with another preconditioner"
         raise NetworkError(f"circuit: {means}")
-    return margin
+    return bandwidth_margin
 
 
 def level_of(network: Network, level: str) -> Level:
@@ -225,4 +229,4 @@ def level_of(network: Network, level: str) -> Level:
     words = level_words()
     if level.lower() not in words:
         raise UnknownNameError.of("level", level, words)
-    return with_rails(network, words[level.lower()].made(network))
+    return clamped_full_scale(network, words[level.lower()].made(network))

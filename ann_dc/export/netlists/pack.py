@@ -295,7 +295,7 @@ def _control_lines(build: Build) -> Iterator[str]:
     expected = {reading: build.settled(reading) for reading in build.controls}
     own = {reading: build.network.neuron(reading.name).scale for reading in expected}
     size = build.probe.control_size
-    told = re.sub(r"[^\w.%(),: -]", "_", build.probe.size_in_words, flags=re.ASCII)
+    reported = re.sub(r"[^\w.%(),: -]", "_", build.probe.size_in_words, flags=re.ASCII)
     yield from (".control", "set numdgt=9", "run", "let worst = 0", "let last = length(time) - 1")
     yield f"if time[last] lt {number(0.999 * build.deck.end)}"
     yield from ('echo "the run ended early: nothing is settled"', "quit 1", "end")
@@ -311,9 +311,9 @@ def _control_lines(build: Build) -> Iterator[str]:
     yield from ("set wr_singlescale", "set wr_vecnames")
     yield f"wrdata {WAVEFORMS} " + " ".join(f"v({reading.node})" for reading in expected)
     yield f"if worst gt {number(NEAR)}"
-    yield f'echo "NOT where the ideal network settles: off by $&worst of {told}"'
+    yield f'echo "NOT where the ideal network settles: off by $&worst of {reported}"'
     yield from ("quit 1", "end")
-    yield f'echo "controls settled: off by $&worst of {told}"'
+    yield f'echo "controls settled: off by $&worst of {reported}"'
     yield from ("quit 0", ".endc")
 
 

@@ -190,12 +190,12 @@ def _check_turns(name: str, around: Any, loop: Any, tables: Mapping[str, Any], m
     """Check that a loop has ``limit`` plus one turns, or the number in a table up to ``most``."""
     from onnx import numpy_helper
 
-    told = loop.input[0] if loop.input else ""
-    if told in tables:
-        turns = numpy_helper.to_array(tables[told])
+    reported = loop.input[0] if loop.input else ""
+    if reported in tables:
+        turns = numpy_helper.to_array(tables[reported])
         if turns.ndim == 0 and turns <= most:
             return
-    sums = [node for node in around.node if told in node.output]
+    sums = [node for node in around.node if reported in node.output]
     bounded = len(sums) == 1 and sums[0].op_type == "Add" and "limit" in sums[0].input
     if not bounded or not set(sums[0].input) <= {"limit", *tables}:
         raise FileFormatError(f"{name}: its loop has no limit")

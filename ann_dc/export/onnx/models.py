@@ -18,7 +18,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION, RoleRows
 from ann_dc.export.onnx.cell import CellReading
 from ann_dc.export.onnx.graph import Graph
-from ann_dc.export.onnx.preconditioners import clamped, moves, there, where_there
+from ann_dc.export.onnx.preconditioners import clamped, derivatives, there, where_there
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
 
@@ -163,7 +163,7 @@ class _Flow:
         if len(self._clamped):
             moved = self._projected(graph, state, graph.stacked(*arriving))
         else:
-            moved = moves(network, graph, drives)
+            moved = derivatives(network, graph, drives)
         moved = graph.op("Mul", moved, "step")
         following = self._clip_to_limits(graph, graph.op("Add", state, moved))
         is_inside = reading.is_inside(sides)
@@ -201,11 +201,11 @@ class _Flow:
         component = np.flatnonzero(np.isin(network.places[:, 0], self._clamped))
         places, count = network.places[component] @ [network.stages, 1], len(component)
         limits = evaluator(network).tape.limits[network.places[component, 0]]
-        within = network.preconditioner.moves(network.layout, np.eye(network.size)[component])[
-            :, component
-        ]
+        within = network.preconditioner.derivatives(
+            network.layout, np.eye(network.size)[component]
+        )[:, component]
         place = graph.table("clamp.places", places, np.int64)
-        free = moves(network, graph, drives)
+        free = derivatives(network, graph, drives)
         x, pull, given = (graph.op("Gather", rows, place, axis=0) for rows in (state, free, drives))
         at_limits = (
             graph.op("LessOrEqual", x, graph.table("clamp.low", limits[:, :1])),
@@ -222,7 +222,7 @@ class _Flow:
         pushed = graph.op("Gather", graph.stacked(currents, elsewhere), numbers, axis=0)
         held = graph.stacked(graph.op("Where", held, graph.number(1.0), zero), elsewhere)
         held = graph.op("Greater", graph.op("Gather", held, numbers, axis=0), zero)
-        moved = moves(network, graph, graph.op("Add", drives, pushed))
+        moved = derivatives(network, graph, graph.op("Add", drives, pushed))
         return graph.op("Where", held, zero, moved)
 
     def _clip_to_limits(self, graph: Graph, state: str) -> str:

@@ -21,7 +21,7 @@ from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
-def moves(network: Network, graph: Graph, drives: str) -> str:
+def derivatives(network: Network, graph: Graph, drives: str) -> str:
     """Return M d (P N, B) for net inputs (P N, B), zero if a neuron does not exist."""
     own = graph.op("Mul", drives, rates(network, graph))
     if isinstance(network.preconditioner, Multilevel):

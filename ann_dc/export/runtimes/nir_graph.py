@@ -112,11 +112,13 @@ def nir_check(files: Mapping[str, bytes]) -> str:
 
     worst = compare(vector, walk)
     kinds = ", ".join(type(node).__name__ for node in graph.nodes.values())
-    told = f"{kinds}: {max(vector.early)} steps of the graph within {worst:.0e} of the reference"
+    reported = (
+        f"{kinds}: {max(vector.early)} steps of the graph within {worst:.0e} of the reference"
+    )
     if not vector.settles:
-        return f"{told} vector"
+        return f"{reported} vector"
     off = check_states(walk(vector.start, vector.steps), vector.end, NEAR)
-    return f"{told} vector, {vector.steps} within {off:.0e} of its end"
+    return f"{reported} vector, {vector.steps} within {off:.0e} of its end"
 
 
 def _graph(network: Network, form) -> Any:
@@ -217,16 +219,18 @@ def _check_linear(network: Network) -> None:
         for b in cell.blocks
         if not isinstance(b, Sum)
     ]
-    rails = [
+    limits = [
         f"{n.name} (rails)"
         for n in cell.neurons
         if np.isfinite([n.limiter.low, n.limiter.high]).any()
     ]
-    found = blocks + rails
+    found = blocks + limits
     if found:
-        told = ", ".join(found[:12]) + (f" and {len(found) - 12} more" if len(found) > 12 else "")
+        reported = ", ".join(found[:12]) + (
+            f" and {len(found) - 12} more" if len(found) > 12 else ""
+        )
         raise ExportError(
-            f"{network.title}: NIR has linear nodes only, not {told}; export a network without "
+            f"{network.title}: NIR has linear nodes only, not {reported}; export a network without "
             "them, or to ONNX, C or Verilog-A"
         )
 

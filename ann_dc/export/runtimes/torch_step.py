@@ -32,9 +32,9 @@ class Step(nn.Module):
         flow = self.cell.flow_of(inputs.permute(1, 2, 0))
         state = layout.fill(x, flow.inputs)
         reading = flow.read(state)
-        moved = state + step * flow.move(reading.arriving, state)
+        moved = state + step * flow.derivative(reading.arriving, state)
         residual = flow.residuals(state, reading.drives).amax(0)
-        return {"x": layout.pack(flow.within_rails(moved)), "residual": residual}
+        return {"x": layout.pack(flow.within_limits(moved)), "residual": residual}
 
     def examples(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return tensors for tracing: start and inputs of the network, repeated as batch."""

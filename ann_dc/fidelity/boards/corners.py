@@ -63,7 +63,7 @@ class Corner:
     remark: str = ""
 
     @property
-    def near(self) -> bool:
+    def within_tolerance(self) -> bool:
         """True if the circuit settles near the optimum (noise included), unsaturated."""
         settles = self.stable and not self.clipped
         return settles and noisy(self.control_error, self.noise) < NEAR
@@ -109,7 +109,7 @@ def corners(
     >>> parts = Tolerances(resistor=1e-3, resistor_drift=1e-5)
     >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(tolerances=parts))
     >>> found = corners(backend, *backend.prepare(network), temperatures=[127.0, 27.0])
-    >>> len(found), all(corner.near for corner in found)
+    >>> len(found), all(corner.within_tolerance for corner in found)
     (6, True)
     >>> round((found[0].spread / found[-1].spread) ** 2, 6)  # 0.1 % of tolerance and as much drift
     2.0
@@ -151,7 +151,7 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
         warm = same, level.conditions.kelvin
         if warm not in noises:
             noises[warm] = control_noise(replace(instance, level=level))
-        found.append(_told(backend, predicted, noises[warm], slopes))
+        found.append(_reported(backend, predicted, noises[warm], slopes))
     return found
 
 
@@ -166,7 +166,7 @@ def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensi
         return None
 
 
-def _told(
+def _reported(
     backend: SpiceBackend,
     found: Prediction | Unpredicted,
     noise: float,
@@ -182,7 +182,7 @@ def _told(
             spread=spread,
             remark=found.sentence,
         )
-    settles = found.stable and not found.astray
+    settles = found.stable and not found.other_equilibrium
     return Corner(
         conditions=level.conditions,
         control_error=found.control_error if settles else math.nan,
@@ -190,7 +190,7 @@ def _told(
         stable=settles,
         spread=spread,
         noise=noise if settles else math.nan,
-        remark=found.astray or found.unknown,
+        remark=found.other_equilibrium or found.unknown,
     )
 
 

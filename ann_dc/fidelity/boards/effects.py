@@ -228,7 +228,7 @@ def effects_table(
         progress(f"{effect.words}: emulation")
         wanted = effect.made_for
         if wanted not in made:
-            made[wanted] = SpiceBackend(level=wanted, margin=MARGIN).prepare(network)
+            made[wanted] = SpiceBackend(level=wanted, bandwidth_margin=MARGIN).prepare(network)
         row = _predicted(effect, *made[wanted])
         if simulated:
             progress(f"{effect.words}: ngspice")
@@ -242,7 +242,7 @@ def _predicted(effect: Effect, circuit: Circuit, probe: Trajectory) -> Found:
     found = prediction_of(CircuitInstance(circuit=circuit, level=effect.level, probe=probe))
     if isinstance(found, Unpredicted):
         return Found(effect=effect, why=found.sentence)
-    settles = found.stable and not found.astray
+    settles = found.stable and not found.other_equilibrium
     return Found(
         effect=effect,
         predicted_error=found.control_error if settles else math.nan,

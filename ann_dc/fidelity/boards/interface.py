@@ -28,7 +28,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, settling_of, transient_of
 from ann_dc.fidelity.circuit_study import instances, settled_error, undrawn
 from ann_dc.fidelity.noise_run import control_noise
-from ann_dc.fidelity.prediction import CLOCKED, astray_of, require_emulation
+from ann_dc.fidelity.prediction import CLOCKED, other_equilibrium_of, require_emulation
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.network.network import Network
 from ann_dc.validation import NotNegative, Range, checked
@@ -95,7 +95,7 @@ class InterfaceCost:
     noise: float
     settling_time: float
     cold_settling_time: float
-    astray: str
+    other_equilibrium: str
 
     @property
     def total_error(self) -> float:
@@ -142,7 +142,7 @@ def interface_cost(
     backend.progress("transient, as switches hold it")
     held, _ = _settling(built, None)
     backend.progress("transient from empty capacitors")
-    cold, astray = _settling(built, np.zeros(built.moving.network.size))
+    cold, other_equilibrium = _settling(built, np.zeros(built.moving.network.size))
     backend.progress("noise")
     return InterfaceCost(
         interface=interface,
@@ -155,7 +155,7 @@ def interface_cost(
         noise=control_noise(built),
         settling_time=held,
         cold_settling_time=cold,
-        astray=astray,
+        other_equilibrium=other_equilibrium,
     )
 
 
@@ -205,7 +205,7 @@ def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> n
 def _settling(built: CircuitInstance, start: np.ndarray | None) -> tuple[float, str]:
     """Return the settling time (s; nan if not reached), and the other equilibrium."""
     run = transient_of(built, start=start)
-    astray = astray_of(built, run)
-    if astray or not run.status.settled:
-        return math.nan, astray
+    other_equilibrium = other_equilibrium_of(built, run)
+    if other_equilibrium or not run.status.settled:
+        return math.nan, other_equilibrium
     return settling_of(built, run), ""

@@ -57,7 +57,7 @@ class Reading:
     slope: float
 
     def __str__(self) -> str:
-        return f"{self.measure}: {_told(self.volts)} V, before it +-{1e3 * self.spread:.3g} mV"
+        return f"{self.measure}: {_reported(self.volts)} V, before it +-{1e3 * self.spread:.3g} mV"
 
 
 def reading_of(nominal: CircuitInstance, parameter: Parameter, stage: int) -> Reading:
@@ -74,7 +74,7 @@ def reading_of(nominal: CircuitInstance, parameter: Parameter, stage: int) -> Re
         slope = volts
     elif isinstance(part, Generator):
         volts = _settled(nominal, part.name, stage)
-        held = f"{part.x} held at {_told(_settled(nominal, part.x, stage))} V"
+        held = f"{part.x} held at {_reported(_settled(nominal, part.x, stage))} V"
         measure = f"output of {part.name}, its gain trimmed, {held}"
     elif quantity is Quantity.INVERTER_OFFSET:
         measure, slope = f"output of {part.name}'s inverter, its input grounded", 2.0
@@ -99,7 +99,7 @@ def misread(
     return found
 
 
-def _told(volts: float) -> str:
+def _reported(volts: float) -> str:
     """Return a voltage as text, rounded to a microvolt and to five digits."""
     return f"{round(volts, 6) + 0.0:.5g}"
 

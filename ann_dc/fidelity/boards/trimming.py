@@ -176,8 +176,8 @@ def trimming(
         )
         for seeds in (range(samples), range(samples, 2 * samples))
     )
-    emulated, told = _held(boards.errors(0), share), _held(untrimmed[:samples], share)
-    enough = static * told / emulated if 0 < emulated < np.inf else static
+    emulated, reported = _held(boards.errors(0), share), _held(untrimmed[:samples], share)
+    enough = static * reported / emulated if 0 < emulated < np.inf else static
     enough = max(enough, BEST * remaining[-1])
     guess = next(n for n, left in enumerate(remaining) if left <= enough)
 
@@ -248,9 +248,9 @@ class _Boards:
         """Return the control errors (S,); infinite if a circuit does not settle."""
         if count not in self.known:
             found, steps = [], self.steps[:count]
-            told = f"{count} of {len(self.steps)} trims, circuit"
+            reported = f"{count} of {len(self.steps)} trims, circuit"
             for number, board in enumerate(self.drawn, 1):
-                self.progress(f"{told} {number} of {len(self.drawn)}")
+                self.progress(f"{reported} {number} of {len(self.drawn)}")
                 found.append(settled_error(_trimmed(self.nominal, board, steps, self.resolution)))
             self.known[count] = np.nan_to_num(found, nan=np.inf)
         return self.known[count]

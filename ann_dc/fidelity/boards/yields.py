@@ -276,7 +276,7 @@ def _figures(instance: CircuitInstance, timed: bool) -> tuple[float, float, str]
     if not timed:
         return settled_error(instance), np.nan, ""
     found = prediction_of(instance)
-    if isinstance(found, Unpredicted) or not found.stable or found.astray:
+    if isinstance(found, Unpredicted) or not found.stable or found.other_equilibrium:
         return np.nan, np.nan, ""
     return found.control_error, found.settling_time, found.unknown
 

@@ -18,7 +18,7 @@ from ann_dc.hardware.circuit.circuit import (
     Parameter,
     Quantity,
 )
-from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.circuit.deviations import rounded_to_series
 from ann_dc.hardware.circuit.scaling import begins, to_ground
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
@@ -115,9 +115,9 @@ def _of_grid(circuit: Circuit, part: GridNode, series: Series) -> Iterator[tuple
 def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) -> Iterator[tuple]:
     """Yield clamps: op amp, three diodes, three resistors, capacitor, reference."""
     alias = circuit.alias[part.name]
-    taken = snapped(circuit, series).get(Quantity.CAPACITOR.named(alias), 0.0)
+    taken = rounded_to_series(circuit, series).get(Quantity.CAPACITOR.named(alias), 0.0)
     whole = circuit.capacitors[part.name] * (1 + taken)  # of which the deck gives clamps a share
-    for rail, volts in zip(("lo", "hi"), circuit.rails(part)):
+    for rail, volts in zip(("lo", "hi"), circuit.limits(part)):
         for cell in np.flatnonzero(part.present & np.isfinite(volts)).tolist():
             owner, farads = f"rail of {part.name}", float(whole[cell])
             yield cell, f"x_{rail}_{alias}", 1, "", "", "op amp", "", owner

@@ -177,7 +177,7 @@ def _described(circuit: Circuit, part: Part) -> Iterator[tuple[Quantity, str, st
         inverter = f"{name}'s inverter"
         yield Quantity.INVERTER, inverter, f"resistors of {inverter}"
         yield Quantity.INVERTER_OFFSET, inverter, f"offset of {inverter}"
-    rails = circuit.rails(part) if isinstance(part, Integrator) and part.with_limits else ()
+    rails = circuit.limits(part) if isinstance(part, Integrator) and part.with_limits else ()
     for quantity, word, volts in zip(CLAMP_OFFSETS, ("lower", "upper"), rails):
         if np.isfinite(volts):
             yield quantity, f"{name}'s {word} clamp", f"offset of {name}'s {word} clamp"
@@ -308,7 +308,7 @@ class Circuit(Record):
             low=low if abs(low) <= unit else -np.inf, high=high if abs(high) <= unit else np.inf
         )
 
-    def rails(self, part: Integrator) -> tuple[float, float]:
+    def limits(self, part: Integrator) -> tuple[float, float]:
         """Return the output limits of an integrator in volts, infinite if absent."""
         built, sign = self.limiter(part), self.schematic.polarity[part.name]
         ends = (built.low, built.high)
@@ -324,7 +324,7 @@ class Circuit(Record):
         part, farads = self.schematic.by_name[name], self.capacitors[name]
         if not (isinstance(part, Integrator) and part.with_limits):
             return farads
-        return farads * (1 - CLAMP_SHARE * np.isfinite(self.rails(part)).sum())
+        return farads * (1 - CLAMP_SHARE * np.isfinite(self.limits(part)).sum())
 
     @property
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -95,7 +95,7 @@ def checked_deviations(known: Iterable[Parameter], given: Deviations) -> dict[st
 
 
 @checked
-def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
+def rounded_to_series(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
     """Return relative deviations of resistors and capacitors rounded to a series.
 
     Capacitors follow the capacitor series that belongs to ``series``. The result is empty for a

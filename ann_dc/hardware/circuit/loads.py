@@ -106,7 +106,7 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
     network. The power is zero for transistor op amps, which supply their loads from their quiescent
     current, and for parts without output swing.
     """
-    if level.transistors or not np.isfinite(level.datasheet.rails):
+    if level.transistors or not np.isfinite(level.datasheet.output_swing):
         return 0.0
     network, scaling = circuit.schematic.network, circuit.scaling
     values = evaluator(network).values(x)[..., 1:-1]
@@ -119,7 +119,7 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
     for part in circuit.schematic.limited:
         own = values[network.node_index[part.name]]
         amperes += siemens * _volts_to_rails(circuit, part, own)
-    return amperes * level.datasheet.rails
+    return amperes * level.datasheet.output_swing
 
 
 @checked
@@ -148,7 +148,7 @@ def moving_load(circuit: Circuit, name: str) -> float:
 def _volts_to_rails(circuit: Circuit, part: Integrator, values: np.ndarray) -> float:
     """Return the volts from an integrator's output to its limits, summed over cells."""
     volts = circuit.schematic.polarity[part.name] * circuit.scaling.volts(part.name, values)
-    rails = [rail for rail in circuit.rails(part) if np.isfinite(rail)]
+    rails = [rail for rail in circuit.limits(part) if np.isfinite(rail)]
     return sum(float(np.abs(rail - volts)[part.present].sum()) for rail in rails)
 
 

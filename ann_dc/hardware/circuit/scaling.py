@@ -83,7 +83,7 @@ class ProbeRun:
 class ScalingRules:
     """Rules for a scaling.
 
-    ``gbw`` is the gain-bandwidth product of the op amps in Hz, ``margin`` the bandwidth margin k,
+    ``gbw`` is the gain-bandwidth product of the op amps in Hz, ``bandwidth_margin`` is k,
     ``full_scale`` V in volts, and ``headroom`` (at least 1) the ratio of full scale to the largest
     magnitude of the probe run. ``intervals`` are declared ranges of nodes in the user's units, for
     example ``{"u.nu": (-20, 20)}``; they replace the ranges of the probe run. Raises `NetworkError`
@@ -91,13 +91,15 @@ class ScalingRules:
     """
 
     gbw: float = 10e6
-    margin: float = MARGIN
+    bandwidth_margin: float = MARGIN
     full_scale: float = 1.0
     headroom: float = HEADROOM
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_above(0.0, gbw=self.gbw, margin=self.margin, full_scale=self.full_scale)
+        _check_above(
+            0.0, gbw=self.gbw, bandwidth_margin=self.bandwidth_margin, full_scale=self.full_scale
+        )
         _check_above(1.0 - 1e-12, headroom=self.headroom)
 
 
@@ -120,7 +122,7 @@ class Scaling:
     """Volts per network value and seconds per unit of network time.
 
     ``full_scale`` is V in volts, ``unit`` S by node: the value at full scale in network units.
-    ``time`` is in seconds per unit of network time, ``margin`` the resulting bandwidth margin k,
+    ``time`` is in seconds per unit of network time, ``bandwidth_margin`` is the resulting k,
     and ``peaks`` are the ranges of the probe run by node.
     """
 
@@ -128,7 +130,7 @@ class Scaling:
     full_scale: float
     unit: Mapping[str, float]
     time: float
-    margin: float
+    bandwidth_margin: float
     peaks: Mapping[str, Peak]
 
     def volts(self, node: str, value):
@@ -141,7 +143,7 @@ class Scaling:
 
     def slower(self, times: float) -> Scaling:
         """Return the scaling with margin and time multiplied by ``times``."""
-        return replace(self, time=self.time * times, margin=self.margin * times)
+        return replace(self, time=self.time * times, bandwidth_margin=self.bandwidth_margin * times)
 
     def used(self, node: str) -> float:
         """Return the largest fraction of full scale that a node used in the probe run."""
@@ -192,18 +194,18 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
         network=network,
         full_scale=rules.full_scale,
         unit=_units(network, peaks, rules.headroom),
-        time=time_unit(probe.radius, rules.gbw, rules.margin),
-        margin=rules.margin,
+        time=time_unit(probe.radius, rules.gbw, rules.bandwidth_margin),
+        bandwidth_margin=rules.bandwidth_margin,
         peaks={name: peak for name, peak in peaks.items() if name != ONE},
     )
 
 
-def time_unit(radius: float, gbw: float, margin: float = MARGIN) -> float:
+def time_unit(radius: float, gbw: float, bandwidth_margin: float = MARGIN) -> float:
     """Return T = k radius / (2 pi GBW), the seconds per unit of network time.
 
     A fastest time constant of 1 has a ``radius`` of 1. The margin is k, and GBW is in Hz.
     """
-    return margin * radius / (2 * math.pi * gbw)
+    return bandwidth_margin * radius / (2 * math.pi * gbw)
 
 
 def _check_above(low: float, **given: float) -> None:

@@ -95,7 +95,7 @@ from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.diode_knee import bent_rectifier
 from ann_dc.hardware.emulation.emulation import Emulation, slower_network
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, ClampNodes, Origin
-from ann_dc.hardware.parts.board_models import op_amp_rails
+from ann_dc.hardware.parts.board_models import op_amp_output_swing
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator, PICell
 from ann_dc.network.cell import ONE, Function, Limiter, Product, Sum
@@ -170,7 +170,7 @@ def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarra
     return network.pack(full)
 
 
-def beside_rails(emulation: Emulation, sheet: Datasheet, x: np.ndarray) -> Emulation:
+def beside_limits(emulation: Emulation, sheet: Datasheet, x: np.ndarray) -> Emulation:
     """Return an emulation with the capacitors enlarged by idle clamps at a state.
 
     The given emulation treats clamps as ideal limiters, and ``x`` (n,) is a state of the ideal
@@ -273,7 +273,7 @@ class Clamps:
 def clamps_at(built: BuiltCircuit, part: Integrator) -> Clamps:
     """Return the clamps of an integrator's limits, if any."""
     nodes, circuit = AmplifierNodes(part.name), built.circuit
-    volts = circuit.rails(part)
+    volts = circuit.limits(part)
     count = int(np.isfinite(volts).sum())
     into, pieces = nodes.held, list[Piece]()
     # a shared neuron reads others of its kind in the last cell only, which a sum would do in all
@@ -336,7 +336,7 @@ def _shift_node(part: Integrator, quantity: Quantity) -> str:
 def _shift(built: BuiltCircuit, part: Integrator, quantity: Quantity) -> Iterator[Piece]:
     """Yield the displacement from one limit of an integrator by the offset of its clamp."""
     name, circuit = _shift_node(part, quantity), built.circuit
-    low, high = circuit.rails(part)
+    low, high = circuit.limits(part)
     volts, other = (low, high) if quantity is Quantity.LOW_OFFSET else (high, low)
     span = volts - other  # infinite where there is no other rail
     at_zero = 1.0 if np.isinf(other) else -other / span
@@ -374,9 +374,9 @@ def _comparator(built: BuiltCircuit, part: Integrator, clamp: Clamp) -> Iterator
     """Yield the op amp of a clamp, and the diode through which it follows while idle."""
     nodes, sheet, thermal = clamp.nodes, built.datasheet, clamp.idling
     value = built.circuit.value_of(part.name)
-    rails = op_amp_rails(sheet, built.scaling.full_scale) * abs(value)
+    swing = op_amp_output_swing(sheet, built.scaling.full_scale) * abs(value)
     lag = (1 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / built.omega
-    yield State(nodes.output, lag, Origin(part.name), Limiter(low=-rails, high=rails))
+    yield State(nodes.output, lag, Origin(part.name), Limiter(low=-swing, high=swing))
     target, per_target, limits = built.slewing(nodes.drive, nodes.output, abs(value))
     yield from limits
     drives = {part.name: 1.0, nodes.output: -1 / sheet.a0, nodes.short: clamp.side * thermal}

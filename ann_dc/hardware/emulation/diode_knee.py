@@ -39,7 +39,7 @@ FARTHEST = 30.0
 
 
 @checked
-def knee(network: Network, width: FloatOrNan | Mapping[str, FloatOrNan]) -> Network:
+def with_diode_knee(network: Network, width: FloatOrNan | Mapping[str, FloatOrNan]) -> Network:
     """Add a knee to rectifying neurons: m = width ln(1 + exp((z + w g) / width)).
 
     The added blocks are ``tail.<m>``, the addition to the corner, and its inputs. ``width`` is in
@@ -51,12 +51,12 @@ def knee(network: Network, width: FloatOrNan | Mapping[str, FloatOrNan]) -> Netw
     Examples
     --------
     >>> import ann_dc
-    >>> from ann_dc.hardware.emulation import knee
+    >>> from ann_dc.hardware.emulation import with_diode_knee
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> held = ann_dc.synthesize(ann_dc.OptimalControlProblem(
     ...     states=problem.states, controls=problem.controls, dynamics=problem.dynamics, dt=0.1,
     ...     cost=problem.cost, horizon=5, q_0=(0, 0), q_d=(1, 0), bounds={"v": (None, 0.5)}))
-    >>> [block.name for block in knee(held, 0.01).cell.blocks if "tail" in block.name]
+    >>> [block.name for block in with_diode_knee(held, 0.01).cell.blocks if "tail" in block.name]
     ['tail.zeta.v_high']
     """
     widths = _widths(network, width)
@@ -72,9 +72,9 @@ def knee_shift(
     """Return the first-order shift (n,) of a settled state by a knee.
 
     It is one step of Newton's method. The network has no knee and settles at ``x`` (n,), to which
-    the result is added. Saturated neurons stay at their limits. ``width`` has the form of `knee`.
-    Raises `NetworkError` if a width is negative or not finite or the equilibrium is not isolated,
-    and `UnknownNameError` if no rectifying neuron has a given name.
+    the result is added. Saturated neurons stay at their limits. ``width`` has the form of
+    `with_diode_knee`. Raises `NetworkError` if a width is negative or not finite or the
+    equilibrium is not isolated, and `UnknownNameError` if no rectifying neuron has a given name.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def knee_shift(
     >>> found.round(5).tolist(), round(float(0.1 * np.log(1 - np.exp(-0.5 / 0.1))), 5)
     ([-0.00067, 0.00067], -0.00068)
     """
-    bent = fast_evaluator(knee(network, width))
+    bent = fast_evaluator(with_diode_knee(network, width))
     drives = bent.drives(x)
     free = np.flatnonzero(~bent.saturated(x, drives))
     moved = np.zeros(network.size)

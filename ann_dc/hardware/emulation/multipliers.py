@@ -232,16 +232,16 @@ def _pair(name: str, cascade: Cascade, pins: tuple[str, str]) -> _Factor:
 
 def _output(built: BuiltCircuit, name: str, bandwidth: float) -> tuple[str, float, Iterable[Piece]]:
     """Return node and weight of the contributions to an output, and its pole or limits."""
-    sheet, rails = built.datasheet, built.datasheet.multiplier_rails
-    rails *= abs(built.circuit.value_of(name))
+    sheet, swing = built.datasheet, built.datasheet.multiplier_output_swing
+    swing *= abs(built.circuit.value_of(name))
     if bandwidth < FAST * sheet.gbw:
         tau = 1 / (2 * math.pi * bandwidth * built.scaling.time)
-        pole = State(name, tau, Origin(name), Limiter(low=-rails, high=rails))
+        pole = State(name, tau, Origin(name), Limiter(low=-swing, high=swing))
         return name, 1.0, (pole, Coupling(name, name, -1.0))
-    if math.isinf(rails):
+    if math.isinf(swing):
         return name, 1.0, (Sum(name=name),)
     free = f"free.{name}"
-    return free, 1 / rails, (Sum(name=free), Sum(name=name), *clipped(free, name, rails))
+    return free, 1 / swing, (Sum(name=free), Sum(name=name), *clipped(free, name, swing))
 
 
 def _gained(

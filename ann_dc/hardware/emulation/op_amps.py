@@ -385,7 +385,7 @@ def _amplifier(
 def _poles(built: BuiltCircuit, nodes: AmplifierNodes, slower: Weight) -> Iterator[Piece]:
     """Yield an op amp's pole within its swing, after any second pole."""
     datasheet, name = built.datasheet, nodes.output
-    rails = datasheet.rails * abs(built.circuit.value_of(nodes.part))
+    swing = datasheet.output_swing * abs(built.circuit.value_of(nodes.part))
     origin = Origin(nodes.part, -1.0 if nodes.inverter else 1.0)
     scale = built.scale_of(name)
     if has_second_pole(datasheet):
@@ -394,7 +394,7 @@ def _poles(built: BuiltCircuit, nodes: AmplifierNodes, slower: Weight) -> Iterat
         yield from couplings(name, {nodes.first: 1.0, name: -1.0})
         name = nodes.first
     lag = built.outputs.lag(nodes.part, nodes.inverter) * slower
-    yield State(name, lag, origin, Limiter(low=-rails, high=rails), scale)
+    yield State(name, lag, origin, Limiter(low=-swing, high=swing), scale)
 
 
 def _inputs(

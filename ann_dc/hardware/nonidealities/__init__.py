@@ -17,8 +17,8 @@ non-idealities.
 Zero strength or infinite gain returns the network unchanged. Functions compose: a node added by one
 function is an ordinary node for the next. Apply the functions that change numbers first
 (`quantised`, `mismatch`, `detuned`, `gain_error`, `offset`, `leak`), then those that add parts
-(`extra_pole`, `slew`, `rails`, `noise`). Design the network before, because a design would also
-choose the time constants of added poles.
+(`extra_pole`, `slew`, `saturation`, `noise`). Design the network before, because a design would
+also choose the time constants of added poles.
 """
 
 import lazy_loader

@@ -10,6 +10,6 @@ from .numbers import (
 from .parts import (
     extra_pole as extra_pole,
     noise as noise,
-    rails as rails,
+    saturation as saturation,
     slew as slew,
 )

@@ -53,7 +53,7 @@ def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERY
 
 
 @checked
-def rails(
+def saturation(
     network: Network, limit: FloatOrNan | Mapping[str, FloatOrNan], where: Selection = EVERYWHERE
 ) -> Network:
     """Limit neurons to |x| <= limit unless a tighter limit exists.
@@ -72,14 +72,16 @@ def rails(
     Examples
     --------
     >>> from ann_dc import plants, synthesize
-    >>> network = rails(synthesize(plants.double_integrator(N=2)), {"u.a": 2.0})
+    >>> network = saturation(synthesize(plants.double_integrator(N=2)), {"u.a": 2.0})
     >>> network.neuron("u.a").limiter
     Limiter(low=-2.0, high=2.0)
     """
     known = neurons_of(network)
     names, there = chosen(network, where, known)
     if not there.all():
-        raise NetworkError(f"rails are the same at all stages, got {where}; leave stages out")
+        raise NetworkError(
+            f"saturation: limits are the same at all stages, got {where}; leave stages out"
+        )
     given = dict(limit) if isinstance(limit, Mapping) else dict.fromkeys(names, limit)
     for name, value in given.items():
         if name not in known:

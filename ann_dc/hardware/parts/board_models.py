@@ -18,10 +18,10 @@ MACRO_PARAMETERS = {
     "opamp_a0": ("a0", 1.0, 1e8),
     "opamp_gbw": ("gbw", 1.0, 1e12),
     "opamp_sr": ("slew", 1.0, 1e11),
-    "opamp_vsat": ("rails", 1e-3, 1e3),
+    "opamp_vsat": ("output_swing", 1e-3, 1e3),
     "opamp_rout": ("rout", 1e-3, 1e6),
     "mul_bw": ("multiplier_bandwidth", 1.0, 1e11),
-    "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
+    "mul_vsat": ("multiplier_output_swing", 1e-3, 1e3),
     "func_bw": ("function_bandwidth", 1.0, 1e11),
 }
 """Parameters of the macro models: attribute of `Datasheet` and supported range."""
@@ -97,7 +97,7 @@ def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float
     return {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
 
 
-def op_amp_rails(datasheet: Datasheet, full_scale: float) -> float:
+def op_amp_output_swing(datasheet: Datasheet, full_scale: float) -> float:
     """Return the (finite) output swing of macro-model op amps in volts."""
     return macro_parameters(datasheet, full_scale)["opamp_vsat"]
 

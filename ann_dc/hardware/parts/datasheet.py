@@ -19,7 +19,7 @@ from ann_dc.hardware.parts.parasitics import NONE, PRODUCT, MultiplierLaw, Paras
 from ann_dc.si_prefixes import engineering
 from ann_dc.validation import checked
 
-FOLLOWING = ("rails", "multiplier_rails", "amplifier_power", "multiplier_power")
+FOLLOWING = ("output_swing", "multiplier_output_swing", "amplifier_power", "multiplier_power")
 """Quantities proportional to the supplies."""
 
 SMALLEST_RESISTOR = 10e3
@@ -169,7 +169,7 @@ TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 RANGES: Mapping[str, tuple[str, Callable[[float], bool]]] = {
     **dict.fromkeys(
         (
-            *("a0", "slew", "rails", "multiplier_rails"),
+            *("a0", "slew", "output_swing", "multiplier_output_swing"),
             *("multiplier_bandwidth", "function_bandwidth"),
         ),
         ("a positive number", lambda value: value > 0),
@@ -207,7 +207,7 @@ class Datasheet:
         Gain-bandwidth product of the op amps in Hz; finite, because it sets the time scale.
     slew : float
         Slew rate in V/s.
-    rails, multiplier_rails : float
+    output_swing, multiplier_output_swing : float
         Saturation voltage of op amps, and of multipliers and function generators.
     rout : float
         Output resistance of the op amps in ohms; a load reduces a0 by this divider.
@@ -236,8 +236,8 @@ class Datasheet:
     a0: float = math.inf
     gbw: float = 10e6
     slew: float = math.inf
-    rails: float = math.inf
-    multiplier_rails: float = math.inf
+    output_swing: float = math.inf
+    multiplier_output_swing: float = math.inf
     rout: float = 0.0
     stage_resistance: float = 0.0
     systematic_offset: float = 0.0
@@ -259,9 +259,9 @@ class Datasheet:
             "gain": f"{self.a0:.3g}",
             "op amps": engineering(self.gbw, "Hz", 3),
             "slew": engineering(self.slew, "V/s", 3),
-            "rails": engineering(self.rails, "V", 3),
+            "output swing": engineering(self.output_swing, "V", 3),
             "multipliers": engineering(self.multiplier_bandwidth, "Hz", 3),
-            "their rails": engineering(self.multiplier_rails, "V", 3),
+            "their output swing": engineering(self.multiplier_output_swing, "V", 3),
             "at virtual grounds": engineering(self.parasitics.ground, "F", 3),
             "bias": engineering(self.parasitics.bias_current, "A", 3),
         }

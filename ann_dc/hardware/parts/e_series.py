@@ -52,8 +52,8 @@ class Series:
         """Return the nearest available values in ohms or farads; infinite values stay."""
         values = np.asarray(values, float)
         unique, where = np.unique(values, return_inverse=True)
-        snapped = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]
-        return np.array(snapped)[where].reshape(values.shape)
+        rounded_to_series = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]
+        return np.array(rounded_to_series)[where].reshape(values.shape)
 
     def parts(self, value: float) -> tuple[float, ...]:
         """Return the part for a finite value in ohms or farads, or a pair of resistors."""

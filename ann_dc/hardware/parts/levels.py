@@ -120,7 +120,7 @@ class Level:
     @property
     def limit(self) -> float:
         """Lowest saturation voltage of a part kind; infinite without saturation."""
-        return min(self.datasheet.rails, self.datasheet.multiplier_rails)
+        return min(self.datasheet.output_swing, self.datasheet.multiplier_output_swing)
 
     @property
     def tolerances(self) -> Tolerances:
@@ -138,8 +138,8 @@ class Level:
 
         Examples
         --------
-        >>> level = macro(rails=14.0).at(Conditions(supply=0.9, temperature=85.0))
-        >>> f"{level.datasheet.rails:g}", level.conditions.temperature
+        >>> level = macro(output_swing=14.0).at(Conditions(supply=0.9, temperature=85.0))
+        >>> f"{level.datasheet.output_swing:g}", level.conditions.temperature
         ('12.6', 85.0)
         """
         sheet = self.datasheet.at(conditions, self.conditions)

@@ -35,7 +35,7 @@ def check_buildable(network: Network, level: Level, series: Series = EXACT) -> N
         raise NetworkError(
             f"series {series.name}: {level.name} circuits compute without resistors; take exact"
         )
-    _check_rails(network, level)
+    _check_limits(network, level)
     names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
     if names and level.technology.differential:
         raise NetworkError(
@@ -58,7 +58,7 @@ def check_preconditioner(kind: contract.PreconditionerKind, level: Level) -> Non
         )
 
 
-def _check_rails(network: Network, level: Level) -> None:
+def _check_limits(network: Network, level: Level) -> None:
     names = ", ".join(limited_neurons(network))
     if not names:
         return
@@ -77,7 +77,7 @@ def _check_rails(network: Network, level: Level) -> None:
 
 
 @checked
-def with_rails(network: Network, level: Level) -> Level:
+def clamped_full_scale(network: Network, level: Level) -> Level:
     """Return the level with a full scale of at most `HIGHEST` if neurons have limits."""
     fits = level.full_scale <= HIGHEST or not limited_neurons(network)
     return level if fits else replace(level, full_scale=HIGHEST)

@@ -40,7 +40,7 @@ from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.clamps import has_second_pole
 from ann_dc.hardware.emulation.states import pole_spectrum
-from ann_dc.hardware.parts.board_models import op_amp_rails
+from ann_dc.hardware.parts.board_models import op_amp_output_swing
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.preconditioner_wiring import wiring_of
@@ -67,7 +67,7 @@ def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
     limited = circuit.schematic.limited
     if not (limited and level.emulated):
         return 0.0
-    network, rails = circuit.schematic.network, op_amp_rails(sheet, level.full_scale)
+    network, swing = circuit.schematic.network, op_amp_output_swing(sheet, level.full_scale)
     drives, least = evaluator(_unlimited(network)).drives(x), 0.0
     values = network.unpack(x)
     for part in limited:
@@ -76,10 +76,10 @@ def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
         slope = scaling.volts(part.name, np.abs(drives[row] / part.tau)) / scaling.time
         slope = float(slope[held & part.present].max(initial=0.0))
         farads = float(circuit.capacitors[part.name][part.present].max(initial=0.0))
-        left = GIVEN * rails - CLAMP_DROP - sheet.rout * farads * slope
+        left = GIVEN * swing - CLAMP_DROP - sheet.rout * farads * slope
         across = CLAMP_LAG / (2 * math.pi * sheet.gbw) * slope
         if slope:
-            least = max(least, scaling.margin * across / left if left > 0 else math.inf)
+            least = max(least, scaling.bandwidth_margin * across / left if left > 0 else math.inf)
     return least
 
 
@@ -89,17 +89,18 @@ def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
 
     The state (n,) is that of the ideal network. The message names a sufficient margin.
     """
-    least, margin = holding_margin(circuit, level, x), circuit.scaling.margin
-    if least > margin * (1 + 1e-6):
+    least, bandwidth_margin = holding_margin(circuit, level, x), circuit.scaling.bandwidth_margin
+    if least > bandwidth_margin * (1 + 1e-6):
         cure = (
-            f"take a margin of {-two_digits(-least):.3g} or more (ann-dc circuit --margin)"
+            f"take a margin of {-two_digits(-least):.3g} or more (--bandwidth-margin)"
             if math.isfinite(least)
             else "take parts with more"
         )
-        rails = op_amp_rails(level.datasheet, level.full_scale)
+        swing = op_amp_output_swing(level.datasheet, level.full_scale)
         raise NetworkError(
-            f"margin: {margin:.3g} is too small: neurons are pressed against their bounds harder "
-            f"than the op amps of clamps, with rails of {rails:.3g} V, can hold; {cure}"
+            f"bandwidth_margin: {bandwidth_margin:.3g} is too small: neurons are pressed against "
+            f"their bounds harder than the op amps of clamps, with an output swing of "
+            f"{swing:.3g} V, can hold; {cure}"
         )
 
 
@@ -166,11 +167,11 @@ class _MarginSearch:
         radius = spectrum(circuit.schematic.network, x).radius
         self.unit_time = radius / (2 * np.pi * level.datasheet.usable_bandwidth)  # margin of one
 
-    def tried(self, margin: float) -> _Tried:
+    def tried(self, bandwidth_margin: float) -> _Tried:
         """Return a margin with the smallest damping ratio of the circuit."""
-        self.progress(f"smallest margin: is {margin:.3g} enough?")
-        slower = self.circuit.slower(margin * self.unit_time / self.circuit.scaling.time)
-        return _Tried(margin, _damping(slower, self.level, self.x))
+        self.progress(f"smallest margin: is {bandwidth_margin:.3g} enough?")
+        slower = self.circuit.slower(bandwidth_margin * self.unit_time / self.circuit.scaling.time)
+        return _Tried(bandwidth_margin, _damping(slower, self.level, self.x))
 
     def first_stable(self, margins: np.ndarray, unstable: _Tried) -> float:
         """Return the first stable one of increasing margins; infinite if there is none.
@@ -179,7 +180,9 @@ class _MarginSearch:
         of the bracket is kept twice, its damping ratio is halved.
         """
         stable, slope, side = None, SLOPE, 0
-        low = int(np.searchsorted(margins, unstable.margin * (1 + 1e-9))) - 1  # up to rounding
+        low = (
+            int(np.searchsorted(margins, unstable.bandwidth_margin * (1 + 1e-9))) - 1
+        )  # up to rounding
         high = len(margins)
         while high - low > 1:
             at = int(np.searchsorted(margins, unstable.zero(slope)))
@@ -200,7 +203,7 @@ class _MarginSearch:
 class _Tried:
     """Margin with the smallest damping ratio of the circuit's poles."""
 
-    margin: float
+    bandwidth_margin: float
     damping: float
 
     def halved(self) -> _Tried:
@@ -209,12 +212,14 @@ class _Tried:
 
     def slope(self, other: _Tried) -> float:
         """Return the damping ratio per unit of log margin between two margins."""
-        return (other.damping - self.damping) / math.log(other.margin / self.margin)
+        return (other.damping - self.damping) / math.log(
+            other.bandwidth_margin / self.bandwidth_margin
+        )
 
     def zero(self, slope: float) -> float:
         """Return the margin, at most `FARTHEST` times as large, at which the ratio is zero."""
         further = -self.damping / slope if slope > 0 else math.inf
-        return self.margin * math.exp(min(further, math.log(FARTHEST)))
+        return self.bandwidth_margin * math.exp(min(further, math.log(FARTHEST)))
 
 
 def _margins() -> np.ndarray:
@@ -249,7 +254,9 @@ def following_margin(circuit: Circuit, level: Level) -> float:
     softest = scipy.sparse.linalg.eigsh(
         stiffness, k=1, sigma=0.0, v0=np.ones(len(wiring.moved)), return_eigenvectors=False
     )
-    per_margin = 2 * np.pi * level.datasheet.usable_bandwidth * scaling.time / scaling.margin
+    per_margin = (
+        2 * np.pi * level.datasheet.usable_bandwidth * scaling.time / scaling.bandwidth_margin
+    )
     return FOLLOWING / (per_margin * float(softest[0]))
 
 
@@ -259,13 +266,13 @@ def check_following(circuit: Circuit, level: Level) -> None:
 
     The circuit fails with less than half of the sufficient margin, which the message names.
     """
-    wanted, margin = following_margin(circuit, level), circuit.scaling.margin
-    if 2 * margin < wanted:
+    wanted, bandwidth_margin = following_margin(circuit, level), circuit.scaling.bandwidth_margin
+    if 2 * bandwidth_margin < wanted:
         kind = circuit.schematic.network.preconditioner.kind.value
         raise NetworkError(
-            f"margin: {margin:.3g} is too small: op amps of idle diode neurons would move the "
-            f"soft long waves of the {kind}; take a margin "
-            f"of {-two_digits(-wanted):.3g} (ann-dc circuit --margin), or design the network with "
+            f"bandwidth_margin: {bandwidth_margin:.3g} is too small: op amps of idle diode neurons "
+            f"would move the soft long waves of the {kind}; take a margin "
+            f"of {-two_digits(-wanted):.3g} (--bandwidth-margin), or design the network with "
             "preconditioner=PreconditionerKind.CYCLIC_REDUCTION (--metric cyclic-reduction)"
         )
 
@@ -279,10 +286,10 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
     the circuit has no emulation.
     """
     least, farads = least_margin(circuit, level, x), level.datasheet.parasitics.ground
-    if least <= circuit.scaling.margin:
+    if least <= circuit.scaling.bandwidth_margin:
         return (
             f"exact parts would not ring from a margin of {_up(least)} on: take closer ones, or "
-            f"raise the margin above {circuit.scaling.margin:.3g}"
+            f"raise the margin above {circuit.scaling.bandwidth_margin:.3g}"
         )
     means = [f"raise the margin to {_up(least)} or more"] if math.isfinite(least) else []
     if farads and (smaller := _of_resistors(circuit, level, x)):
@@ -314,13 +321,13 @@ def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:
     least = least_margin(built, level, x)
     if math.isinf(least):
         return ""
-    further = f" and a margin of {_up(least)} or more" * (least > circuit.scaling.margin)
+    further = f" and a margin of {_up(least)} or more" * (least > circuit.scaling.bandwidth_margin)
     return f"take a smallest_resistor of {ohms:.3g} ohm{further}"
 
 
-def _up(margin: float) -> str:
+def _up(bandwidth_margin: float) -> str:
     """Return the next sufficient margin of two digits."""
-    return f"{-two_digits(-margin):.3g}"
+    return f"{-two_digits(-bandwidth_margin):.3g}"
 
 
 @checked
@@ -329,15 +336,15 @@ class Sizing:
     """Input of the sizing.
 
     The scaling may have any margin, and ``x`` (n,) is the settled state of the ideal network. If
-    the bandwidth ``margin`` is None, it is chosen and that of the scaling is the minimum. ``lag``
-    is that of the nodes of a resistive grid, in units of network time.
+    the bandwidth ``bandwidth_margin`` is None, it is chosen and that of the scaling is the minimum.
+    ``lag`` is that of the nodes of a resistive grid, in units of network time.
     """
 
     schematic: Schematic
     scaling: Scaling
     level: Level
     x: State
-    margin: float | None = None
+    bandwidth_margin: float | None = None
     lag: float = 0.0
 
 
@@ -355,13 +362,13 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
     circuit, matters = _built(sizing, given or SMALLEST_RESISTOR), _matters(level)
     if given is None and matters:
         circuit = _built(sizing, fitting_resistor(circuit, level))
-    if sizing.margin is None:
+    if sizing.bandwidth_margin is None:
         circuit = _with_margin(circuit, sizing, progress)
     check_clamps(circuit, level, sizing.x)
     check_following(circuit, level)
     if matters:
         check_currents(circuit, level)
-    if matters or circuit.scaling.margin > sizing.scaling.margin:
+    if matters or circuit.scaling.bandwidth_margin > sizing.scaling.bandwidth_margin:
         _tell(circuit, sizing, progress)
     return circuit
 
@@ -382,7 +389,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     The margin raises the capacitors (unless resistors are prescribed), lets clamps hold and makes
     the circuit stable.
     """
-    level, begun = sizing.level, circuit.scaling.margin
+    level, begun = sizing.level, circuit.scaling.bandwidth_margin
     wanted = max(begun, holding_margin(circuit, level, sizing.x))
     if wanted > begun:
         progress(
@@ -406,7 +413,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
 def _spared(circuit: Circuit, sizing: Sizing, wanted: float, progress: Progress) -> float:
     """Return the first margin, ``wanted`` or one of two digits, that is stable over `SPARE`."""
     level, x = sizing.level, sizing.x
-    slower = wanted / circuit.scaling.margin / SPARE
+    slower = wanted / circuit.scaling.bandwidth_margin / SPARE
     damping = _damping(circuit.slower(slower), level, x)
     if damping > 0:
         return wanted
@@ -436,17 +443,17 @@ def check_currents(circuit: Circuit, level: Level) -> None:
 def _tell(circuit: Circuit, sizing: Sizing, progress: Progress) -> None:
     """Report the chosen values, the slowdown, and the slowdown of a further increase."""
     wanted, smallest = sizing.level.smallest_capacitor, circuit.ranges[1][0]
-    margin, begun = circuit.scaling.margin, sizing.scaling.margin
-    told = (
+    bandwidth_margin, begun = circuit.scaling.bandwidth_margin, sizing.scaling.bandwidth_margin
+    reported = (
         f"resistors on the scale of {circuit.inverter:.3g} ohm, capacitors from {smallest:.2g} F, "
-        f"margin {margin:.3g}"
+        f"margin {bandwidth_margin:.3g}"
     )
-    if margin > begun:
-        told += f": {margin / begun:.3g} times slower than at margin {begun:.3g}"
+    if bandwidth_margin > begun:
+        reported += f": {bandwidth_margin / begun:.3g} times slower than at margin {begun:.3g}"
     if smallest < wanted * (1 - 1e-9):
         times = wanted / smallest
-        told += (
+        reported += (
             f"; for the {wanted:.2g} F that strays ask for, take resistors {times:.3g} times "
             "smaller, or a margin as many times larger, which makes it as many times slower"
         )
-    progress(told)
+    progress(reported)

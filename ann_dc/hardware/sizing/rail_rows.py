@@ -70,7 +70,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     for name, row in coupled.items():
         live = network.live[row]
         w = FASTER * rate / np.where(live, response[row], 1.0)
-        for word, side, rail in _rails(network.cell.neurons[row], scaling):
+        for word, side, rail in _limits(network.cell.neurons[row], scaling):
             diode = _diode(f"{word}.{name}")
             cell = _with_row(cell, diode, name, (side, rail), w, SLOWER / FASTER / rate)
             held = side * (at[row] - rail) >= 0  # elsewhere a current is a rounding error
@@ -79,7 +79,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     return replace(free, cell=cell, start=start, omitted=tuple(absent))
 
 
-def _rails(neuron: Neuron, scaling: Scaling) -> Iterator[tuple[str, float, float]]:
+def _limits(neuron: Neuron, scaling: Scaling) -> Iterator[tuple[str, float, float]]:
     """Return name, side and value of the limits within full scale."""
     for word, side in (("low", -1.0), ("high", 1.0)):
         rail = getattr(neuron.limiter, word)

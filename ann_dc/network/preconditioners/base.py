@@ -203,7 +203,7 @@ class Preconditioner(ABC):
     def apply(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return M d (..., P, N) for net inputs (..., P, N), zero without a neuron."""
 
-    def moves(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
+    def derivatives(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return M d for net inputs (..., n) over the components of a state vector."""
         table = np.zeros((*drives.shape[:-1], *row.rates.shape), drives.dtype)
         neuron, stage = row.places
@@ -219,15 +219,15 @@ class Preconditioner(ABC):
         saturated neurons. The matrix is factored once.
         """
         if not held.any():
-            return lambda drives: (self.moves(row, drives), np.zeros_like(drives))
-        within = scipy.linalg.cho_factor(self.moves(row, np.eye(len(held))[held])[:, held])
+            return lambda drives: (self.derivatives(row, drives), np.zeros_like(drives))
+        within = scipy.linalg.cho_factor(self.derivatives(row, np.eye(len(held))[held])[:, held])
 
         def clamped(drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            pull, currents = self.moves(row, drives)[..., held], np.zeros_like(drives)
+            pull, currents = self.derivatives(row, drives)[..., held], np.zeros_like(drives)
             columns = pull.reshape(-1, pull.shape[-1]).T
             found = scipy.linalg.cho_solve(within, columns, check_finite=False)
             currents[..., held] = -found.T.reshape(pull.shape)
-            return np.where(held, 0.0, self.moves(row, drives + currents)), currents
+            return np.where(held, 0.0, self.derivatives(row, drives + currents)), currents
 
         return clamped
 
@@ -239,7 +239,7 @@ class Preconditioner(ABC):
         """
         held = held & self.reach(row)[row.places[0]]
         if not held.any():
-            return lambda drives: self.moves(row, drives)
+            return lambda drives: self.derivatives(row, drives)
         clamp = self.clamp(row, held)
         return lambda drives: clamp(drives)[0]
 

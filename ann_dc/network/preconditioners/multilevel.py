@@ -123,13 +123,13 @@ class Multilevel(Preconditioner):
 
     def apply(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return M d (..., P, N) by restriction and prolongation over all levels."""
-        moves = drives * row.rates
+        derivatives = drives * row.rates
         q, t = row.chains.T
         chain = np.stack([drives[..., q, :], drives[..., t, :]], axis=-1)
         added = self.spread(chain.reshape(*chain.shape[:-2], -1))
-        moves[..., q, :] += added[..., 0::2]
-        moves[..., t, :] += added[..., 1::2]
-        return np.where(row.rates > 0, moves, 0)
+        derivatives[..., q, :] += added[..., 0::2]
+        derivatives[..., t, :] += added[..., 1::2]
+        return np.where(row.rates > 0, derivatives, 0)
 
     def spread(self, drive: np.ndarray) -> np.ndarray:
         """Return the coarse-level contribution to z', for net inputs (..., C, 2N).
@@ -144,10 +144,10 @@ class Multilevel(Preconditioner):
         for gain in self.gains:
             rates.append(np.einsum("aij,...ja->...ia", gain, grid))
             grid = _coarsen(grid)
-        move = rates.pop()
+        derivative = rates.pop()
         while rates:
-            move = rates.pop() + _refine(move)
-        return (1 - share) * move[..., index] + share * move[..., index + 1]
+            derivative = rates.pop() + _refine(derivative)
+        return (1 - share) * derivative[..., index] + share * derivative[..., index + 1]
 
     def factors(self, row: ArrayLayout) -> Factors:
         """Return time constants, and one node per eigenvector of a grid point's gain."""

@@ -115,7 +115,7 @@ class Stiffness(Preconditioner):
 
         The solve is banded if there are fewer net input vectors than primal neurons.
         """
-        moves = drives * row.rates
+        derivatives = drives * row.rates
         root = np.sqrt(row.rates[row.primal])
         pushed = np.swapaxes(drives[..., row.primal, :] * root, -1, -2)  # (..., N, m)
         columns = pushed.reshape(-1, root.size).T
@@ -127,8 +127,8 @@ class Stiffness(Preconditioner):
         else:
             solved = np.linalg.solve(self._dense(row), columns)
         spread = np.swapaxes(solved.T.reshape(pushed.shape), -1, -2) * root
-        moves[..., row.primal, :] = spread
-        return moves
+        derivatives[..., row.primal, :] = spread
+        return derivatives
 
     def clamp(self, row: ArrayLayout, held: np.ndarray) -> Clamp:
         """Return the solution with S among unsaturated neurons.

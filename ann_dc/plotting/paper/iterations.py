@@ -114,21 +114,21 @@ def definitions(curves: Sequence[Curves], *, title: str = "") -> Figure:
 
 
 def following(
-    told: np.ndarray, found: Mapping[str, tuple[np.ndarray, float]], *, title: str = ""
+    reported: np.ndarray, found: Mapping[str, tuple[np.ndarray, float]], *, title: str = ""
 ) -> Figure:
     """Plot errors of the stages and their ratios to the coordination errors, with bounds.
 
-    See equation (18) and Theorem IV.1. `told` (J,) is the norm of e_t and e_beta together. `found`
-    has the norms (J,) of a stage error and its rate in Theorem IV.1, by name.
+    See equation (18) and Theorem IV.1. `reported` (J,) is the norm of e_t and e_beta together.
+    `found` has the norms (J,) of a stage error and its rate in Theorem IV.1, by name.
     """
     figure = style.new_figure(9.6, 4.0)
     errors, quotients = figure.subplots(1, 2)
-    j = np.arange(1, len(told) + 1)
-    errors.semilogy(j, told, color=INK, lw=1.5, label="|e_t, e_beta|")
+    j = np.arange(1, len(reported) + 1)
+    errors.semilogy(j, reported, color=INK, lw=1.5, label="|e_t, e_beta|")
     for colour, (name, (values, rate)) in zip((BLUE, VERMILION), found.items()):
         errors.semilogy(j, values, color=colour, lw=1.5, label=f"|{name}|")
-        errors.semilogy(j, rate * told, ":", color=colour, lw=1.2, label=f"bound of |{name}|")
-        quotients.plot(j, values / told, color=colour, lw=1.5)
+        errors.semilogy(j, rate * reported, ":", color=colour, lw=1.2, label=f"bound of |{name}|")
+        quotients.plot(j, values / reported, color=colour, lw=1.5)
         quotients.axhline(rate, color=colour, lw=1.2, ls=":")
     errors.set_ylabel("norm of an error (network units)")
     quotients.set_ylabel("error / |e_t, e_beta| (1)")
@@ -233,7 +233,7 @@ def figure_of_following(found: Iterations) -> Figure:
         "e_mu": (distances.mu[:, 0], found.following.mu),
     }
     return following(
-        distances.told[:, 0],
+        distances.reported[:, 0],
         errors,
         title="Theorem IV.1 measured, T_0 with two fixed gains; dotted: its bound to first order",
     )

@@ -319,7 +319,7 @@ COLUMNS = 3
 FREE = "T_0, planned without obstacles"
 PLANNED = "T_0, T_1, ... as far as they are driven (IV.C)"
 LEAP = "to q_obs + delta: printed without a plan"
-LEG = "legs to q_obs + delta, planned too"
+SEGMENT = "legs to q_obs + delta, planned too"
 DRIVEN = "plans and legs, as they are driven"
 CONSTRAINED = "one network, obstacles as constraints"
 
@@ -371,12 +371,12 @@ def figure_5(cases: Sequence[Around]) -> Figure:
 def _panels(case: Around, drawn: Sequence[Sequence[Drawn]]) -> list[Panel]:
     """Return the panels of a case: as printed, with segments, with discs."""
     name, certificate = case.plans.case.name, case.discs.certificate
-    told = "certified" if case.discs.certified else "not certified"
-    legs, constrained = (f"room {case.room(way):.3f} m" for way in case.ways.values())
+    reported = "certified" if case.discs.certified else "not certified"
+    segments, constrained = (f"room {case.room(way):.3f} m" for way in case.ways.values())
     headings = (
         f"{name}, as printed\n{case.leap:.2f} m of the way in no plan",
-        f"{name}, legs planned too\n{legs}",
-        f"{name}, as constraints\n{constrained}, E = {certificate.objective:.2f}, {told}",
+        f"{name}, segments planned too\n{segments}",
+        f"{name}, as constraints\n{constrained}, E = {certificate.objective:.2f}, {reported}",
     )
     discs = [Disc(x=float(x), y=float(y), radius=RADIUS) for x, y in obstacles(case.plans)]
     return [Panel(heading=h, drawn=d, discs=discs) for h, d in zip(headings, drawn)]
@@ -388,10 +388,10 @@ def _paths(case: Around) -> tuple[Sequence[Drawn], ...]:
     planned = Drawn(name=PLANNED, rows=_apart(pieces), colour=BLUE)
     leaps = [np.stack([a[:, -1], b[:, 0]], axis=1) for a, b in pairwise(pieces)]
     leap = Drawn(name=LEAP, rows=_apart(leaps), colour=VERMILION, dashed=True)
-    legs = [whole(leg).q[:2] for leg in case.legs]
+    segments = [whole(segment).q[:2] for segment in case.segments]
     return (
         (free, planned, leap),
-        (free, planned, Drawn(name=LEG, rows=_apart(legs), colour=ORANGE)),
+        (free, planned, Drawn(name=SEGMENT, rows=_apart(segments), colour=ORANGE)),
         (free, Drawn(name=CONSTRAINED, rows=case.ways["discs"].q[:2], colour=GREEN)),
     )
 
@@ -399,10 +399,10 @@ def _paths(case: Around) -> tuple[Sequence[Drawn], ...]:
 def _controls(case: Around) -> tuple[Sequence[Drawn], ...]:
     free = Drawn(name=FREE, rows=case.plans.controls[0], colour=INK, dashed=True)
     pieces = [piece.u for piece in case.printed]
-    legs, constrained = case.ways.values()
+    segments, constrained = case.ways.values()
     return (
         (free, Drawn(name=PLANNED, rows=_apart(pieces), colour=BLUE)),
-        (free, Drawn(name=DRIVEN, rows=legs.u, colour=ORANGE)),
+        (free, Drawn(name=DRIVEN, rows=segments.u, colour=ORANGE)),
         (free, Drawn(name=CONSTRAINED, rows=constrained.u, colour=GREEN)),
     )
 

@@ -128,8 +128,8 @@ def figure_3(problem: OptimalControlProblem) -> Figure:
         _box(axes, place, 0.0, f"stage {k}\n$q_{{{k}}}, u_{{{k}}}, \\mu_{{{k}}}$")
         _arrow(axes, (place + 0.6, 2.6), (place + 0.6, 0.85), ORANGE)
         _arrow(axes, (place + 1.4, 0.85), (place + 1.4, 2.6), BLUE)
-        told = {"0": "$t_0$", "k": r"$t_k, \beta_k$"}.get(k, rf"$\beta_{{{k}}}$")
-        axes.text(place + 0.5, 1.72, told, ha="right", color=ORANGE)
+        reported = {"0": "$t_0$", "k": r"$t_k, \beta_k$"}.get(k, rf"$\beta_{{{k}}}$")
+        axes.text(place + 0.5, 1.72, reported, ha="right", color=ORANGE)
         axes.text(place + 1.5, 1.72, f"$q_{{{k}}}, \\mu_{{{k}}}$", color=BLUE)
     for place in COLUMNS[:-1]:
         axes.text(place + 2.7, 0.4, "...", ha="center", va="center", fontsize=14)

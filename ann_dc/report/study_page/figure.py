@@ -114,7 +114,7 @@ def limit_lines(limit: Limit | None, across: str) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def told(count: int, drawn_of_it: int, *more: str, limit: Limit | None = None) -> str:
+def reported(count: int, drawn_of_it: int, *more: str, limit: Limit | None = None) -> str:
     """Return the caption text of the number of cases, with further sentences and the limit."""
     few = f", {drawn_of_it:,} of them drawn" if drawn_of_it < count else ""
     dashed = [] if limit is None else [f"Dashed: the spec, {limit}"]

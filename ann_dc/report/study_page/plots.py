@@ -23,8 +23,8 @@ from ann_dc.report.study_page.figure import (
     listed,
     percent,
     plain_axis,
+    reported,
     shown,
-    told,
 )
 from ann_dc.study.records import OUTCOME
 
@@ -56,7 +56,7 @@ def over_numbers(found: Findings, metric: Column, setting: Column) -> Figure | N
     }  # fmt: skip
     return Figure(
         title=f"{metric.name} over {setting.name}",
-        says=told(len(known), len(some), *more, limit=limit),
+        says=reported(len(known), len(some), *more, limit=limit),
         traces=[*_dots(found, setting, metric, some), *lines],
         layout=layout,
     )
@@ -164,7 +164,7 @@ def over_words(found: Findings, metric: Column, setting: Column) -> Figure | Non
     if by_word.counts.max() <= STRIP or by_word.clustered.any():
         rows = drawn(np.flatnonzero(metric.finite))
         dots = _dots(found, setting, metric, rows)
-        says = told(count, len(rows), limit=limit)
+        says = reported(count, len(rows), limit=limit)
         return Figure(title=title, says=says, traces=dots, layout=layout)
     low, first, middle, third, high = (listed(row) for row in by_word.quantiles)
     trace = {
@@ -172,7 +172,7 @@ def over_words(found: Findings, metric: Column, setting: Column) -> Figure | Non
         "q1": first, "median": middle, "q3": third, "lowerfence": low, "upperfence": high,
         "fillcolor": "#0072b233", "line": {"color": BLUE}, "name": "",
     }  # fmt: skip
-    says = told(count, count, "Box: 25, 50 and 75 %; whiskers: 5 and 95 %", limit=limit)
+    says = reported(count, count, "Box: 25, 50 and 75 %; whiskers: 5 and 95 %", limit=limit)
     return Figure(title=title, says=says, traces=[trace], layout=layout)
 
 
@@ -290,7 +290,7 @@ def distribution(found: Findings, metric: Column) -> Figure:
         ),
         "shapes": limit_lines(limit, "x"),
     }  # fmt: skip
-    says = told(len(values), len(values), ends, limit=limit)
+    says = reported(len(values), len(values), ends, limit=limit)
     return Figure(title=f"How {metric.name} spreads", says=says, traces=traces, layout=layout)
 
 
@@ -330,7 +330,7 @@ def beside(found: Findings, pair: Prediction) -> Figure:
     median, high = np.quantile(off, (0.5, 0.95)) if len(off) else (np.nan, np.nan)
     return Figure(
         title=f"{predicted.name} beside {measured.name}",
-        says=told(
+        says=reported(
             len(known), len(some),
             f"Errors of the prediction: median {percent(median)}, 95 % below {percent(high)}",
         ),

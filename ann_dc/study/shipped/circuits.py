@@ -15,7 +15,7 @@ BOARD: dict[str, Value] = {
     "circuit.level": "macro",
     "circuit.a0": 1e6,
     "circuit.gbw": 10e6,
-    "circuit.margin": 10.0,
+    "circuit.bandwidth_margin": 10.0,
     "tolerance.resistor": 1e-3,
     "tolerance.gain": 1e-3,
     "tolerance.offset": 1e-4,
@@ -29,7 +29,7 @@ FIGURES: dict[str, Sequence[float]] = {
     "tolerance.product_offset": (1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3),
     "circuit.a0": (3e2, 1e3, 1.5e3, 3e3, 1e4, 1e5),
     "circuit.gbw": (3e6, 6e6, 8e6, 9e6, 10e6, 20e6),
-    "circuit.margin": (5.0, 6.0, 7.0, 9.0, 11.0, 12.0, 15.0),
+    "circuit.bandwidth_margin": (5.0, 6.0, 7.0, 9.0, 11.0, 12.0, 15.0),
 }
 """Datasheet values and tolerances that are varied, one at a time."""
 SPEC: dict[str, float] = {"control_error": 0.02, "slowest_mode_seconds": 50e-6}

@@ -33,7 +33,9 @@ def assert_is_the_reference(network: Network, x: np.ndarray, relative=1e-12, **o
     reading = flow.read(state)
     drives = reading.drives
     assert_close(drives.permute(2, 0, 1), evaluator(network).drives(x), relative)
-    assert_close(cell.pack(flow.move(reading.arriving, state)), evaluator(network).rhs(x), relative)
+    assert_close(
+        cell.pack(flow.derivative(reading.arriving, state)), evaluator(network).rhs(x), relative
+    )
     residuals = [kernel.residuals(sample) for sample in x]
     assert_close(flow.residuals(state, drives).T, residuals, relative)
     entries = [kernel.jacobian_entries(sample) for sample in x]
@@ -116,9 +118,9 @@ def test_neighbours_and_the_left_end():
     x, y = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
     layer, state = CellLayer(network), torch.as_tensor(np.stack([x, y]))[:, :, None]
     flow = layer.flow()
-    move = flow.move(flow.read(state).arriving, state)[:, :, 0]
-    np.testing.assert_allclose(move[0], (np.array([1, 10, 100]) * [5, 6, 0] + 0.5) / 2)
-    np.testing.assert_allclose(move[1], 3 * np.array([7, 1, 2]))
+    derivative = flow.derivative(flow.read(state).arriving, state)[:, :, 0]
+    np.testing.assert_allclose(derivative[0], (np.array([1, 10, 100]) * [5, 6, 0] + 0.5) / 2)
+    np.testing.assert_allclose(derivative[1], 3 * np.array([7, 1, 2]))
 
 
 # ---- rails -------------------------------------------------------------------------------------
@@ -178,9 +180,9 @@ def test_trained_time_constants_at_rails_move_as_those_of_the_trained_network(ki
     layer, flow = with_factors(network, 12), with_factors(network, 12).flow()
     state = layer.fill(torch.as_tensor(states[::20]), flow.inputs)
     with torch.no_grad():
-        moves = layer.pack(flow.move(flow.read(state).arriving, state))
+        derivatives = layer.pack(flow.derivative(flow.read(state).arriving, state))
     trained = evaluator(layer.trained())
-    assert_close(moves, [trained.rhs(x) for x in states[::20]])
+    assert_close(derivatives, [trained.rhs(x) for x in states[::20]])
 
 
 @pytest.mark.slow
@@ -194,15 +196,17 @@ def test_gradients_at_rails_are_those_of_the_neurons_that_are_free(kind):
     q_d = torch.tensor([1.0, -1.0], dtype=torch.float64, requires_grad=True)
     factors = layer.log_gain.rows.detach().requires_grad_()
 
-    def moves(x: torch.Tensor, q_d: torch.Tensor, factors: torch.Tensor) -> torch.Tensor:
+    def derivatives(x: torch.Tensor, q_d: torch.Tensor, factors: torch.Tensor) -> torch.Tensor:
         given = x, {"q_d.x": q_d}
-        return torch.func.functional_call(Moves(layer), {"layer.log_gain.rows": factors}, given)
+        return torch.func.functional_call(
+            Derivatives(layer), {"layer.log_gain.rows": factors}, given
+        )
 
-    assert (moves(x, q_d, factors) == 0).any()
-    assert torch.autograd.gradcheck(moves, (x, q_d, factors))
+    assert (derivatives(x, q_d, factors) == 0).any()
+    assert torch.autograd.gradcheck(derivatives, (x, q_d, factors))
 
 
-class Moves(torch.nn.Module):
+class Derivatives(torch.nn.Module):
     """The moves (B, n) of a layer, as a module."""
 
     def __init__(self, layer: CellLayer) -> None:
@@ -212,7 +216,7 @@ class Moves(torch.nn.Module):
     def forward(self, x: torch.Tensor, inputs: dict) -> torch.Tensor:
         flow = self.layer.flow(inputs)
         state = self.layer.fill(x, flow.inputs)
-        return self.layer.pack(flow.move(flow.read(state).arriving, state))
+        return self.layer.pack(flow.derivative(flow.read(state).arriving, state))
 
 
 @pytest.mark.parametrize("drive", [-1.0, 1.0])
@@ -228,7 +232,7 @@ def test_a_rail_stops_what_pushes_outward(drive):
     state = torch.as_tensor(x)[None, :, None]
     drives = flow.read(state).drives
     expected = np.where((x <= -2) & (drive < 0) | (x >= 3) & (drive > 0), 0.0, drive)
-    np.testing.assert_array_equal(flow.move(drives, state)[0, :, 0], expected)
+    np.testing.assert_array_equal(flow.derivative(drives, state)[0, :, 0], expected)
 
 
 # ---- gradients ---------------------------------------------------------------------------------

@@ -109,12 +109,12 @@ class Secant:
         return torch.full((1, 1, 1), value, dtype=torch.float64)
 
     def step(self, *, energy=1.0, rejected=False, cut=False) -> float:
-        one, move = torch.ones(1, dtype=torch.float64), self.shaped(2.0 - self.x)
+        one, derivative = torch.ones(1, dtype=torch.float64), self.shaped(2.0 - self.x)
         proposal = Proposal(
             state=self.shaped(self.x),
             step=0.1 * one,
-            reading=Reading(arguments=[], drives=move),
-            move=move,
+            reading=Reading(arguments=[], drives=derivative),
+            derivative=derivative,
             energy=energy * one,
             rejected=one.bool() & rejected,
         )
@@ -149,7 +149,7 @@ def test_a_step_taken_back_goes_on_from_the_last_state():
     run.step()  # the secant's, to 2
     run.x = 50.0  # as if it had led astray
     assert run.step(energy=100.0, rejected=True) == pytest.approx(before + 0.1 * (2 - before))
-    for forgotten in (run.memory.states, run.memory.moves, run.memory.gram):
+    for forgotten in (run.memory.states, run.memory.derivatives, run.memory.gram):
         assert not forgotten.any()
     assert not run.rejects(float("inf"))  # the next one is plain
     x = run.x

@@ -47,8 +47,8 @@ def moves_of(cell: CellLayer, drives: np.ndarray) -> np.ndarray:
 def test_a_batch_moves_by_the_preconditioner(kind, dtype, relative):
     network = wired_with("car", kind)
     drives = np.random.default_rng(0).standard_normal((5, network.size))
-    moves = moves_of(CellLayer(network, dtype=dtype), drives)
-    assert_close(moves, drives @ evaluator(network).preconditioner.toarray(), relative)
+    derivatives = moves_of(CellLayer(network, dtype=dtype), drives)
+    assert_close(derivatives, drives @ evaluator(network).preconditioner.toarray(), relative)
 
 
 @stiff

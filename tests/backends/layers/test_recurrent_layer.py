@@ -62,8 +62,8 @@ def test_progress_is_told(monkeypatch):
     monkeypatch.setattr("ann_dc.backends.lane_batch.ATTEMPTS", 10)
     replace(RECURRENT, progress=of_code.append).run(short("unicycle"))
     assert len(of_code) > 3
-    told = r"step \d+, KKT residual \d\.\de[+-]\d+: 1 of 1 samples run on"
-    others = [line for line in of_code if not re.fullmatch(told, line)]
+    reported = r"step \d+, KKT residual \d\.\de[+-]\d+: 1 of 1 samples run on"
+    others = [line for line in of_code if not re.fullmatch(reported, line)]
     assert set(others) <= {"0 of 1 samples run on"}
     assert len(others) < len(of_code) - 3
 

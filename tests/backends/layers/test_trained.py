@@ -38,9 +38,9 @@ def test_one_factor_one_gain():
     layer, x = CellLayer(network, trainable=True), near_start(network, 9)
     with torch.no_grad():
         layer.log_gain["tau.mu.v"].copy_(torch.tensor(np.log(2.0)))
-    moves = layer(torch.as_tensor(x)[None], step=1.0)[0].detach().numpy() - x
+    derivatives = layer(torch.as_tensor(x)[None], step=1.0)[0].detach().numpy() - x
     ours = network.places[:, 0] == network.neuron_index["mu.v"]
-    assert_close(moves, np.where(ours, 0.5, 1.0) * evaluator(network).rhs(x), 1e-10)
+    assert_close(derivatives, np.where(ours, 0.5, 1.0) * evaluator(network).rhs(x), 1e-10)
 
 
 @pytest.mark.parametrize("wired", [small, coordinated])
@@ -52,7 +52,7 @@ def test_the_trained_network_moves_as_the_layer(wired, seed):
     flow = layer.flow()
     state = layer.fill(torch.as_tensor(x), flow.inputs)
     drives = flow.read(state).drives
-    assert_close(evaluator(trained).rhs(x), layer.pack(flow.move(drives, state)).detach())
+    assert_close(evaluator(trained).rhs(x), layer.pack(flow.derivative(drives, state)).detach())
     if seed is None:
         assert_close(evaluator(trained).rhs(x), evaluator(network).rhs(x))
         assert_close(evaluator(trained).jacobian(x[0]), evaluator(network).jacobian(x[0]))

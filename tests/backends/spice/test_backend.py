@@ -15,7 +15,7 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.deviations import combined, draw, snapped
+from ann_dc.hardware.circuit.deviations import combined, draw, rounded_to_series
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.e_series import E12
 from ann_dc.hardware.parts.foundry import SKY130
@@ -146,9 +146,9 @@ def test_settling_scales_with_the_bandwidth():
 def test_rails_that_clip_are_told():
     """A clipped circuit settles quietly to a wrong point."""
     with pytest.raises(NetworkError, match=r"clip at 0.7 V.*take at most 0.63 V"):
-        SpiceBackend(level=macro(a0=1e5, rails=0.7)).run(neighbour_wired("car"))
+        SpiceBackend(level=macro(a0=1e5, output_swing=0.7)).run(neighbour_wired("car"))
     circuit, probe = SpiceBackend(level=macro(a0=1e5)).prepare(neighbour_wired("car"))
-    tight = SpiceBackend(level=macro(a0=1e5, rails=0.7), require_stable=False)
+    tight = SpiceBackend(level=macro(a0=1e5, output_swing=0.7), require_stable=False)
     run = simulate(tight, circuit, probe)  # scaled for other op amps
     assert run.settled()
     assert run.control_error > 1e-2
@@ -194,7 +194,7 @@ def test_a_network_that_does_not_settle_cannot_be_scaled():
         SpiceBackend().run(Network(cell=cell, stages=1, start={"x": 1.0}))
 
 
-@pytest.mark.parametrize("setting", ["a0", "gbw", "slew", "rails", "rout"])
+@pytest.mark.parametrize("setting", ["a0", "gbw", "slew", "output_swing", "rout"])
 def test_a_parameter_out_of_range_is_named(setting):
     with pytest.raises(NetworkError, match=setting):
         macro(**{setting: -1.0})
@@ -206,7 +206,7 @@ def test_a_parameter_out_of_range_is_named(setting):
 def test_what_the_seed_draws_comes_on_top_of_what_the_series_does():
     backend = SpiceBackend(level=macro(tolerances=Tolerances(resistor=1e-2, offset=1e-3)))
     circuit, _ = backend.prepare(neighbour_wired("double_integrator"))
-    off = snapped(circuit, E12)
+    off = rounded_to_series(circuit, E12)
     drawn = draw(circuit.parameters, backend.level.tolerances, 3)
     assert backend.deviations(circuit) == {}
     for given, expected in (
@@ -230,7 +230,7 @@ def test_a_level_without_resistors_takes_no_series(level):
 def test_a_circuit_that_only_exact_parts_keep_from_ringing_is_told_so():
     """With resistors of E12 it needs a larger margin than with exact ones."""
     network = design(synthesize(plants.two_link_arm(N=3)), gain_rule=DIAGONAL_RULE).network
-    backend = SpiceBackend(level=macro(), series=E12, margin=9.5)
+    backend = SpiceBackend(level=macro(), series=E12, bandwidth_margin=9.5)
     circuit, probe = backend.prepare(network)
     with pytest.raises(NetworkError, match=r"take closer ones, or raise the margin above 9\.5"):
         simulate(backend, circuit, probe)

@@ -20,11 +20,11 @@ from ann_dc.solver import synthesize
 
 
 @cache
-def prepared(margin: float = 10.0):
+def prepared(bandwidth_margin: float = 10.0):
     network = design(
         synthesize(plants.double_integrator(N=5)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
-    return SpiceBackend(level=macro(), margin=margin).prepare(network)
+    return SpiceBackend(level=macro(), bandwidth_margin=bandwidth_margin).prepare(network)
 
 
 def cut_short(share: float):
@@ -76,7 +76,7 @@ def test_beyond_twenty_times_the_network_it_is_cut_and_the_deck_says_so(monkeypa
 
 
 def test_where_a_pole_grows_the_probe_alone_says_how_long():
-    circuit, probe = prepared(margin=1.0)
+    circuit, probe = prepared(bandwidth_margin=1.0)
     assert pole_spectrum(emulate(circuit, macro()), probe.final).abscissa > 0
     assert span_of(circuit, macro(), probe).duration == pytest.approx(1.5 * probe.time[-1])
 

@@ -87,8 +87,10 @@ def test_a_solve_loads_only_what_it_needs():
     unneeded = ["torch", "matplotlib", "pandas", "casadi", "scipy.integrate", "scipy.optimize"]
     unneeded += ["scipy.special", "scipy.stats", "numba.np.arraymath", *others]
     started(SOLVE, times=1)  # whatever had to be compiled has been
-    ((_, told),) = started(f"{SOLVE}; print([m for m in {unneeded} if m in sys.modules])", times=1)
-    assert told == "[]"
+    ((_, reported),) = started(
+        f"{SOLVE}; print([m for m in {unneeded} if m in sys.modules])", times=1
+    )
+    assert reported == "[]"
 
 
 SOLVE = """

@@ -43,7 +43,7 @@ def test_circuit_on_ideal_parts():
         (("--level", "wood"), "--level"),
         (("--a0", "-1"), "a0"),
         (("--gbw", "0"), "gbw"),
-        (("--margin", "nan"), "margin"),
+        (("--bandwidth-margin", "nan"), "margin"),
         (("--full-scale", "0"), "full_scale"),
     ],
 )
@@ -244,7 +244,7 @@ def test_the_loops_with_the_smallest_phase_margins(tmp_path):
 
 @needs_ngspice
 def test_an_unstable_circuit_is_told_in_a_sentence():
-    code, text = run(*QUICK, "--margin", "2")
+    code, text = run(*QUICK, "--bandwidth-margin", "2")
     assert code == 2
     assert "error: circuit: the pole model is unstable" in text
     assert "too slow at margin 2" in text
@@ -262,7 +262,7 @@ def test_an_unwritable_folder_is_told_before_the_design(tmp_path, monkeypatch, o
 
 
 FAILURES = {
-    "unstable": (["--margin", "2"], ""),
+    "unstable": (["--bandwidth-margin", "2"], ""),
     "ngspice is killed": ([], "kill -9 $$"),
     "ngspice fails": ([], "echo no convergence; exit 1"),
     "no answer": ([], ": > out.raw"),
@@ -313,7 +313,7 @@ def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
     meaning = json.loads(result.read_text())
     assert meaning["settled"] is None
     assert meaning["predicted"]["control_error"] < 1e-3
-    code, text = run(*CIRCUIT, "--no-simulate", "--margin", "3")
+    code, text = run(*CIRCUIT, "--no-simulate", "--bandwidth-margin", "3")
     assert code == 1
     assert "oscillates" in text
     for option, file in (("--figure", "a.png"), ("--curves", "a.csv")):
@@ -336,7 +336,7 @@ def test_a_volt_of_every_control_is_told(tmp_path):
     assert scale["offset"] == 1.5
     assert f"u.u: {scale['factor']:.4g}" in text
     assert "from 1.5, as its errors are" in text
-    assert strict(result)["near"] is True
+    assert strict(result)["within_tolerance"] is True
     assert strict(result)["shortcoming"] == ""
 
 

@@ -68,7 +68,7 @@ def test_formats_are_listed_without_a_problem():
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["--to", "nix"], "format 'nix' does not exist; choose one of: all, "),
         (["--to", "diagram", "--with", "off=cell"], "did you mean 'of'?"),
@@ -78,8 +78,8 @@ def test_formats_are_listed_without_a_problem():
         (["--metric", "nix"], "--metric"),
     ],
 )
-def test_bad_words_are_refused_by_name(tmp_path, words, told):
-    refused([*SMALL[:-1], "--out", tmp_path, *words], told)
+def test_bad_words_are_refused_by_name(tmp_path, words, reported):
+    refused([*SMALL[:-1], "--out", tmp_path, *words], reported)
 
 
 @pytest.mark.slow

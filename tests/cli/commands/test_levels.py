@@ -4,7 +4,7 @@ import pytest
 from command_line import QUICK, ROOT, refused, run, strict
 from simulator import needs_ngspice
 
-from ann_dc.fidelity.level_comparison import Rung
+from ann_dc.fidelity.level_comparison import ComparedLevel
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 
 LADDER = ["ladder", *QUICK[1:]]
@@ -13,13 +13,14 @@ LADDER = ["ladder", *QUICK[1:]]
 @needs_ngspice
 def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
     steps = (
-        Rung(name="ideal", level=BEHAVIOURAL),
-        Rung(name="op amps", level=macro()),
-        Rung(name="too slow", level=switched_capacitor(step=0.1), slow=True),
+        ComparedLevel(name="ideal", level=BEHAVIOURAL),
+        ComparedLevel(name="op amps", level=macro()),
+        ComparedLevel(name="too slow", level=switched_capacitor(step=0.1), slow=True),
     )
     seeds = []
     monkeypatch.setattr(
-        "ann_dc.fidelity.level_comparison.rungs", lambda *_, seed: seeds.append(seed) or steps
+        "ann_dc.fidelity.level_comparison.compared_levels",
+        lambda *_, seed: seeds.append(seed) or steps,
     )
     figure, result = tmp_path / "ladder.png", tmp_path / "ladder.json"
     code, text = run(*LADDER, "--seed", "3", "--figure", figure, "--json", result)

@@ -35,16 +35,16 @@ def test_one_that_gives_up_is_no_success(yard, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["--planner", "magic"], "--planner"),
         (["--budget", "-3"], "--budget"),
     ],
 )
-def test_bad_words_are_refused(yard, tmp_path, words, told):
+def test_bad_words_are_refused(yard, tmp_path, words, reported):
     code, said = run("navigate", yard, "--out", tmp_path, *words)
     assert code == 2
-    assert told in said
+    assert reported in said
 
 
 def test_a_bad_world_is_told_with_its_field(yard, tmp_path):

@@ -20,11 +20,11 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     assert data["printed, designed gains"]["status"] in ("diverged", "left_domain")
     assert data["without dB/dq"]["status"] == "not_settled"
     assert data["plain D=1"]["status"] == "left_domain"
-    told = data["two levels"]
-    assert not told["theorem_IV_2_holds"]
-    assert told["theorem_IV_2_holds_as_printed"]
-    assert [len(told[case]["lambda"]) for case in told if "obstacles" in case] == [5, 4]
-    assert told["(28)-(30), (33) printed"]["theta"][0][-1] > 1e6
+    reported = data["two levels"]
+    assert not reported["theorem_IV_2_holds"]
+    assert reported["theorem_IV_2_holds_as_printed"]
+    assert [len(reported[case]["lambda"]) for case in reported if "obstacles" in case] == [5, 4]
+    assert reported["(28)-(30), (33) printed"]["theta"][0][-1] > 1e6
     assert re.search(r"neuron\s+\w+\[\d\]\.\w+\s+reached|left the domain of", text)
     assert "started 1% off the optimum" in text
     assert "398.6315" in text

@@ -5,7 +5,7 @@ import pytest
 from command_line import QUICK, refused, run, strict
 from simulator import needs_ngspice
 
-UNSTABLE = [*QUICK, "--margin", "2.5"]
+UNSTABLE = [*QUICK, "--bandwidth-margin", "2.5"]
 CLOCKED = [*QUICK, "--level", "switched-capacitor"]
 
 
@@ -155,7 +155,7 @@ def test_drawn_circuits_in_ngspice_need_one_before_the_design(tmp_path, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["--corners", "--temperature", "27", "--supply", "1"], "its settled point repels"),
         (["--yield", "error<20%", "--samples", "2"], "none of the circuits settles"),
@@ -163,10 +163,10 @@ def test_drawn_circuits_in_ngspice_need_one_before_the_design(tmp_path, monkeypa
         (["--dac", "12", "--adc", "12"], "the circuit oscillates"),
     ],
 )
-def test_no_question_about_a_circuit_that_oscillates_is_answered_with_yes(words, told):
+def test_no_question_about_a_circuit_that_oscillates_is_answered_with_yes(words, reported):
     code, text = run(*UNSTABLE, *words)
     assert code == 1
-    assert told in " ".join(text.split())
+    assert reported in " ".join(text.split())
 
 
 def test_a_circuit_that_oscillates_is_not_trimmed():

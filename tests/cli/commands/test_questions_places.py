@@ -14,7 +14,7 @@ def test_corners_are_a_table_and_a_file(tmp_path):
     assert "no drift of these parts is known" in text
     found = strict(file)["corners"]
     assert [corner["conditions"]["temperature"] for corner in found] == [27.0] * 3 + [85.0] * 3
-    assert all(corner["near"] for corner in found)
+    assert all(corner["within_tolerance"] for corner in found)
 
 
 @pytest.mark.slow

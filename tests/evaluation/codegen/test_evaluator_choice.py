@@ -14,8 +14,8 @@ from ann_dc.network.network import Network
 WIRED = pytest.mark.parametrize("wired", [small, coordinated])
 
 
-def told(ours: FastEvaluator, x: np.ndarray) -> list:
-    return [ours.rhs(x), ours.move(x), ours.jacobian_entries(x), ours.residuals(x)]
+def reported(ours: FastEvaluator, x: np.ndarray) -> list:
+    return [ours.rhs(x), ours.derivative(x), ours.jacobian_entries(x), ours.residuals(x)]
 
 
 def same(found: list, expected: list) -> None:
@@ -44,17 +44,17 @@ def test_other_numbers_are_those_of_a_fresh_evaluator(wired, rho):
     slower = other._replace(rates=other.rates / 3)
     for tape in (other, slower, first):
         ours.renumber(tape)
-        same(told(ours, x), told(InterpretedEvaluator(network, tape), x))
+        same(reported(ours, x), reported(InterpretedEvaluator(network, tape), x))
 
 
 @WIRED
 def test_a_trial_leaves_the_networks_own_numbers_alone(wired):
     network = wired("unicycle")
     x, own = near_start(network, 1), fast_evaluator(network)
-    before = told(own, x)
+    before = reported(own, x)
     trial = fast_evaluator(network)
     trial.renumber(tape_with_penalty(network, 0.5))
-    same(told(own, x), before)
+    same(reported(own, x), before)
     assert not np.allclose(trial.rhs(x), own.rhs(x))
 
 

@@ -31,13 +31,13 @@ def assert_moves_by_the_preconditioner(network: Network, axis: Axis) -> None:
     drives = np.random.default_rng(3).standard_normal((samples, network.size))
     places = lanes.components + np.arange(samples)[:, None]
     lanes.tables["drives"][places] = drives
-    moves = np.full(lanes.spare, np.nan)
-    CODE(lanes.entry.preconditioner)(lanes.entry.table.ctypes.data, moves.ctypes.data)
+    derivatives = np.full(lanes.spare, np.nan)
+    CODE(lanes.entry.preconditioner)(lanes.entry.table.ctypes.data, derivatives.ctypes.data)
     row, table = network.layout, np.zeros((samples, *network.layout.rates.shape))
     table[:, *network.places.T] = drives
     reached = network.preconditioner.reach(row)[network.places[:, 0]]
     expected = network.pack(network.preconditioner.apply(row, table))[:, reached]
-    found = moves[places][:, reached]
+    found = derivatives[places][:, reached]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
@@ -95,10 +95,10 @@ def test_where_no_neuron_is_nothing_moves(seed, axis):
     lanes = Lanes(evaluator(network).tape, axis)
     samples = np.arange(1 if axis is Axis.STAGES else lanes.lanes)[:, None]
     state = lanes.state(np.full(network.size, np.nan))
-    entry, moves = lanes.entry, np.zeros(lanes.spare)
-    WHOLE(entry.rhs)(entry.table.ctypes.data, state.ctypes.data, moves.ctypes.data)
-    assert np.isnan(moves[lanes.components + samples]).any()
-    assert not np.delete(moves[: lanes.reserve], lanes.components + samples).any()
+    entry, derivatives = lanes.entry, np.zeros(lanes.spare)
+    WHOLE(entry.rhs)(entry.table.ctypes.data, state.ctypes.data, derivatives.ctypes.data)
+    assert np.isnan(derivatives[lanes.components + samples]).any()
+    assert not np.delete(derivatives[: lanes.reserve], lanes.components + samples).any()
 
 
 @every_axis

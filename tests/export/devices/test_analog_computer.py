@@ -68,10 +68,10 @@ class Loops:
         low, high = ends.get("low", -math.inf), ends.get("high", math.inf)
         return (x <= low and push < 0) or (x >= high and push > 0)
 
-    def moves(self, x) -> list[float]:
+    def derivatives(self, x) -> list[float]:
         said = self.values(x)
-        moves = [sum(c * said[p] for p, c in self.wires[i]) for i in range(len(x))]
-        return [0.0 if self._stands(i, x[i], m) else m for i, m in enumerate(moves)]
+        derivatives = [sum(c * said[p] for p, c in self.wires[i]) for i in range(len(x))]
+        return [0.0 if self._stands(i, x[i], m) else m for i, m in enumerate(derivatives)]
 
 
 CASES = {
@@ -112,7 +112,7 @@ def test_the_list_alone_settles_where_the_network_does(case):
     loops, beta = Loops(circuit), circuit["time_scale"]
     x, step = np.array(loops.start), vector.step * beta
     for _ in range(50):
-        x = x + step * np.array(loops.moves(x))
+        x = x + step * np.array(loops.derivatives(x))
         for i, e in enumerate(circuit["elements"][: len(x)]):
             x[i] = min(max(x[i], e.get("low", -math.inf)), e.get("high", math.inf))
     units = np.array([e["scale"] for e in circuit["elements"][: len(x)]])
@@ -120,7 +120,7 @@ def test_the_list_alone_settles_where_the_network_does(case):
     if case == "functions":
         time = 1.5 * vector.steps * step
         run = solve_ivp(
-            lambda _, x: loops.moves(x), (0, time), loops.start, method="LSODA", rtol=1e-8
+            lambda _, x: loops.derivatives(x), (0, time), loops.start, method="LSODA", rtol=1e-8
         )
         end = network.pack(vector.end)
         np.testing.assert_allclose(units * run.y[:, -1], end, atol=1e-4 * np.abs(end).max())
@@ -212,7 +212,9 @@ def test_elements_of_a_random_network_move_as_the_network(seed, kind, solve):
     noise = np.random.default_rng(seed).standard_normal(network.size)
     x = machine.within(network.start_state + 0.1 * noise)
     expected = evaluator(network).rhs(x)
-    np.testing.assert_allclose(machine.moves(x), expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        machine.derivatives(x), expected, atol=1e-12 * np.abs(expected).max()
+    )
 
 
 @pytest.fixture(scope="module")

@@ -129,8 +129,12 @@ def test_files_are_the_same_bytes_and_name_their_network(network, vector, of):
     files = diagram_files(network, vector, of=of)
     assert files == diagram_files(network, vector, of=of)
     assert sorted(files) == [f"{of}.pdf", f"{of}.svg", "reference_vector.json"]
-    told = json.loads(re.search(rb"<metadata>(.*)</metadata>", files[f"{of}.svg"])[1])
-    assert (told["of"], told["wiring"], told["content"]) == (of, vector.wiring, vector.content)
+    reported = json.loads(re.search(rb"<metadata>(.*)</metadata>", files[f"{of}.svg"])[1])
+    assert (reported["of"], reported["wiring"], reported["content"]) == (
+        of,
+        vector.wiring,
+        vector.content,
+    )
     assert vector.content.encode() in files[f"{of}.pdf"]
     assert b"/FontFile2" in files[f"{of}.pdf"]
     assert b"DOCTYPE" not in files[f"{of}.svg"]

@@ -134,9 +134,11 @@ def test_a_walk_far_from_rest_is_not_settled():
 
 def test_what_words_are_worth_is_written_down():
     files = c99_files(*walked("double_integrator"), bits=16, over=OVER)
-    told = "q_d.x from 0.5 to 40; held out, 256 of 256 inputs settle right (100.0%; float64 256)"
-    assert told in c99_check(files)
-    assert told in files["README.md"].decode()
+    reported = (
+        "q_d.x from 0.5 to 40; held out, 256 of 256 inputs settle right (100.0%; float64 256)"
+    )
+    assert reported in c99_check(files)
+    assert reported in files["README.md"].decode()
     assert "q_d.x from 0.5 to 40" in files["ann_dc_network.h"].decode()
     table = json.loads(files["fixed_point.json"])
     assert table["ranges"] == {"q_d.x": [0.5, 40.0]}

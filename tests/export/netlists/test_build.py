@@ -175,10 +175,10 @@ def test_every_netlist_carries_the_accuracy_of_its_series(integrator, files):
 
 def test_parts_without_a_maker_are_told_first(small):
     files = pack_files(*small, level="opa192_ad734")
-    told = "o part to buy for: analog switch (21), preset (21), voltage source (5)"
-    assert files["README.md"].decode().splitlines()[2] == f"N{told}."
-    assert stated(files).startswith(f"N{told}. A circuit whose controls are predicted")
-    assert f"N{told}." in stated(kicad_files(*small, level="opa192_ad734"))
+    reported = "o part to buy for: analog switch (21), preset (21), voltage source (5)"
+    assert files["README.md"].decode().splitlines()[2] == f"N{reported}."
+    assert stated(files).startswith(f"N{reported}. A circuit whose controls are predicted")
+    assert f"N{reported}." in stated(kicad_files(*small, level="opa192_ad734"))
     assert "part to buy" not in stated(pack_files(*small, level="macro"))
 
 

@@ -61,8 +61,8 @@ def test_steps_follow_the_rule_of_rails_where_the_held_set_changes_a_hundred_tim
     onnx, given = OnnxNetwork(network), np.moveaxis(network.unpack(states), 0, -1)
     found = network.pack(np.moveaxis(onnx.step(given, step)[0], -1, 0)) - states
     low, high = rails_of(network)
-    moves = step * np.array([evaluator(network).rhs(x) for x in states])
-    expected = (states + moves).clip(low, high) - states
+    derivatives = step * np.array([evaluator(network).rhs(x) for x in states])
+    expected = (states + derivatives).clip(low, high) - states
     rounding = np.finfo(float).eps * np.abs(states).max(axis=1)
     off = np.abs(found - expected).max(axis=1)
     assert (off <= 1e-12 * np.abs(expected).max(axis=1) + rounding).all()

@@ -27,7 +27,7 @@ def network():
 
 
 def test_every_place_has_the_figures_of_the_level_there(network):
-    backend = SpiceBackend(level=macro(a0=1e4, rails=14.0, tolerances=PARTS), seed=1)
+    backend = SpiceBackend(level=macro(a0=1e4, output_swing=14.0, tolerances=PARTS), seed=1)
     circuit, probe = backend.prepare(network)
     found = corners(backend, circuit, probe, temperatures=[-40.0, 125.0], supplies=[0.9, 1.1])
     assert len(found) == 4
@@ -37,7 +37,7 @@ def test_every_place_has_the_figures_of_the_level_there(network):
         wanted = predict(circuit, level, probe, off)
         assert corner.control_error == pytest.approx(wanted.control_error, rel=1e-9)
         assert corner.settling_time == pytest.approx(wanted.settling_time, rel=1e-9)
-        assert corner.near
+        assert corner.within_tolerance
 
 
 def test_a_place_that_changes_nothing_is_not_emulated_again(network, monkeypatch):
@@ -45,7 +45,7 @@ def test_a_place_that_changes_nothing_is_not_emulated_again(network, monkeypatch
     asked, emulate = [], known.prediction_of
     monkeypatch.setattr(known, "prediction_of", lambda s: asked.append(s) or emulate(s))
     power = Datasheet(a0=1e6, amplifier_power=1e-3, multiplier_power=1e-2)
-    for level, times in ((macro(), 1), (macro(power), 1), (macro(rails=14.0), 3)):
+    for level, times in ((macro(), 1), (macro(power), 1), (macro(output_swing=14.0), 3)):
         asked.clear()
         backend = SpiceBackend(level=level)
         assert len(corners(backend, *backend.prepare(network))) == 9
@@ -64,20 +64,20 @@ def test_noise_grows_with_heat_and_counts(network):
     cold, hot = corners(backend, *backend.prepare(network), temperatures=[0.0, 100.0], supplies=[1])
     assert hot.noise / cold.noise == pytest.approx(math.sqrt(373.15 / 273.15), rel=1e-6)
     assert hot.control_error == cold.control_error
-    assert hot.near
-    assert not replace(hot, noise=1e-2).near
-    assert replace(hot, noise=math.nan).near
+    assert hot.within_tolerance
+    assert not replace(hot, noise=1e-2).within_tolerance
+    assert replace(hot, noise=math.nan).within_tolerance
 
 
 def test_rails_below_what_a_circuit_needs_clip_it(network):
-    backend = SpiceBackend(level=macro(rails=1.12))
+    backend = SpiceBackend(level=macro(output_swing=1.12))
     circuit, probe = backend.prepare(network)
     low, full = corners(backend, circuit, probe, temperatures=[27.0], supplies=[0.5, 1.0])
-    assert not low.near
+    assert not low.within_tolerance
     assert low.clipped
     assert np.isnan(low.control_error)
     assert "clip at 0.56 V with supplies of 0.5 times the nominal ones" in low.remark
-    assert full.near
+    assert full.within_tolerance
 
 
 @needs_ngspice
@@ -110,7 +110,7 @@ def test_a_corner_whose_run_does_not_tell_is_none(network, monkeypatch, why):
     backend = SpiceBackend()
     place = {"temperatures": [27.0], "supplies": [1.0]}
     (corner,) = corners(backend, *backend.prepare(network), **place)
-    assert not corner.near
+    assert not corner.within_tolerance
     assert np.isnan(corner.control_error)
     assert corner.remark == why
 

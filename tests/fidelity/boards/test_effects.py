@@ -46,7 +46,7 @@ def agree(row: Found) -> None:
 
 def at_its_threshold(row: Found, network: Network) -> bool:
     """Whether 5 % of time decide if the emulation rings."""
-    backend = SpiceBackend(level=row.effect.made_for, margin=MARGIN)
+    backend = SpiceBackend(level=row.effect.made_for, bandwidth_margin=MARGIN)
     circuit, probe = backend.prepare(network)
     ends = (circuit.slower(times) for times in (1 / (1 + CLOSE), 1 + CLOSE))
     faster, slower = (is_stable(end, row.effect.level, probe.final) for end in ends)
@@ -60,14 +60,14 @@ CHOSEN = ("no effect", "8 pF at every ground", "second pole at 1 GBW", "bias cur
 def test_emulation_and_ngspice_agree_on_small_circuits():
     looked_at = [effect for effect in known_effects() if effect.words in CHOSEN]
     assert len(looked_at) == len(CHOSEN)
-    told: list[str] = []
+    reported: list[str] = []
     network = neighbour_wired("double_integrator", 3)
-    rows = effects_table(network, looked_at, progress=told.append)
+    rows = effects_table(network, looked_at, progress=reported.append)
     for row in rows:
         agree(row)
         assert row.predicted_stable
-    assert told[2::3] == [str(row) for row in rows]
-    assert told[:2] == ["no effect: emulation", "no effect: ngspice"]
+    assert reported[2::3] == [str(row) for row in rows]
+    assert reported[:2] == ["no effect: emulation", "no effect: ngspice"]
     plain, biased = rows[0], rows[-1]
     assert biased.effect.words == "bias current 100 nA"
     assert biased.predicted_error > 10 * plain.predicted_error
@@ -139,7 +139,9 @@ def test_every_effect_has_parts_of_its_own():
 
 def test_a_circuit_that_gets_lost_does_not_settle(monkeypatch):
     lost = "its transient diverged"
-    monkeypatch.setattr("ann_dc.fidelity.prediction.astray_of", lambda instance, run: lost)
+    monkeypatch.setattr(
+        "ann_dc.fidelity.prediction.other_equilibrium_of", lambda instance, run: lost
+    )
     network = neighbour_wired("double_integrator", 3)
     (row,) = effects_table(network, known_effects()[:1], simulated=False)
     assert not row.predicted_stable
@@ -156,9 +158,11 @@ def test_without_ngspice_there_are_predictions():
 
 
 def test_what_has_no_prediction_says_why():
-    level = macro(rails=0.2)
-    with_rails = Effect(words="rails", level=level, made_for=macro())
-    row, *_ = effects_table(neighbour_wired("double_integrator", 3), [with_rails], simulated=False)
+    level = macro(output_swing=0.2)
+    clamped_full_scale = Effect(words="rails", level=level, made_for=macro())
+    row, *_ = effects_table(
+        neighbour_wired("double_integrator", 3), [clamped_full_scale], simulated=False
+    )
     assert row.predicted_stable is None
     assert row.why
     assert str(row) == "rails: predicted nothing; not simulated"

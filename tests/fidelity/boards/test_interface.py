@@ -106,7 +106,7 @@ def test_the_circuit_itself_enters_the_verdict():
 
 
 def test_a_circuit_that_oscillates_is_told():
-    backend = SpiceBackend(level=macro(), margin=2.5)
+    backend = SpiceBackend(level=macro(), bandwidth_margin=2.5)
     circuit, probe = backend.prepare(built()[1].schematic.network)
     found = interface_cost(backend, circuit, probe, Interface(dac_bits=12))
     assert np.isnan(found.circuit_error)
@@ -130,7 +130,7 @@ def test_converters_take_time():
 @pytest.mark.parametrize("plant", ["double_integrator", "pendulum"])
 def test_circuits_settle_from_empty_capacitors(plant):
     found = interface_cost(*built(plant), EXACT)
-    assert not found.astray
+    assert not found.other_equilibrium
     assert found.cold_settling_time == pytest.approx(found.settling_time, rel=0.3)
 
 

@@ -205,7 +205,7 @@ def test_an_offset_of_an_op_amp_reads_nothing_when_there_is_none():
 
 
 def test_a_circuit_that_oscillates_is_not_trimmed():
-    backend = SpiceBackend(level=macro(tolerances=GOOD), margin=2.5)
+    backend = SpiceBackend(level=macro(tolerances=GOOD), bandwidth_margin=2.5)
     with pytest.raises(NetworkError, match="the pole model is unstable"):
         trimming(backend, *backend.prepare(network("double_integrator")), 5e-2, samples=2)
     row = network("double_integrator")

@@ -36,14 +36,14 @@ def test_what_is_no_spec_is_refused(text):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("settle<50", "'settle<50' needs ns, us, ms or s"),
         ("error<1", "'error<1' is 100 % of the largest control; write error<1% if"),
     ],
 )
-def test_a_unit_that_was_forgotten_is_asked_for(text, told):
-    with pytest.raises(NetworkError, match=told):
+def test_a_unit_that_was_forgotten_is_asked_for(text, reported):
+    with pytest.raises(NetworkError, match=reported):
         spec_of(text)
 
 

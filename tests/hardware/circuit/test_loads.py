@@ -84,7 +84,7 @@ def test_the_heaviest_load_is_one_over_the_resistors():
 def test_a_circuit_that_is_slower_has_larger_capacitors_and_nothing_else():
     circuit, _ = prepared(False)
     slow = circuit.slower(3.0)
-    assert slow.scaling.margin == 3 * circuit.scaling.margin
+    assert slow.scaling.bandwidth_margin == 3 * circuit.scaling.bandwidth_margin
     assert slow.scaling.time == 3 * circuit.scaling.time
     for name, farads in circuit.capacitors.items():
         np.testing.assert_array_equal(slow.capacitors[name], 3 * farads)
@@ -99,7 +99,7 @@ def test_clamps_drive_what_lies_before_their_references(low, high):
         ends = (("x", "x", -1.0), ("one", "x", 1.0))
         wires = tuple(Connection(source=s, target=t, weight=w) for s, t, w in ends)
         cell = Cell(neurons=(Neuron(name="x", limiter=limiter),), connections=wires)
-        backend = SpiceBackend(level=macro(rails=13.0), intervals={"x": (-1.5, 1.5)})
+        backend = SpiceBackend(level=macro(output_swing=13.0), intervals={"x": (-1.5, 1.5)})
         circuit, probe = backend.prepare(Network(cell=cell, stages=1))
         return load_power(circuit, backend.level, probe.final)
 

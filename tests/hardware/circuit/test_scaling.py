@@ -61,7 +61,7 @@ def test_a_multiplier_computes_the_product_of_its_factors_over_full_scale():
 
 def test_time_is_scaled_by_the_fastest_mode_and_the_op_amps():
     _, _, radius = probe("car")
-    scaling = scaled("car", gbw=5e6, margin=8.0)
+    scaling = scaled("car", gbw=5e6, bandwidth_margin=8.0)
     fastest = scaling.time / radius  # seconds
     assert fastest * 2 * np.pi * 5e6 == pytest.approx(8.0)
 
@@ -76,7 +76,13 @@ def test_the_report_names_the_tightest_and_the_loosest_node():
 
 @pytest.mark.parametrize(
     ("setting", "value"),
-    [("gbw", 0.0), ("margin", -1.0), ("full_scale", np.nan), ("headroom", 0.5), ("gbw", np.inf)],
+    [
+        ("gbw", 0.0),
+        ("bandwidth_margin", -1.0),
+        ("full_scale", np.nan),
+        ("headroom", 0.5),
+        ("gbw", np.inf),
+    ],
 )
 def test_a_setting_out_of_range_is_named(setting, value):
     with pytest.raises(NetworkError, match=setting):

@@ -52,7 +52,9 @@ def oscillator(rail: float, leak: float = 0.03) -> Network:
 def board_with(preset: str) -> SpiceBackend:
     """Of its parts, at a margin, whether it rings or not."""
     level = replace(presets.get(preset), full_scale=1.0)
-    return SpiceBackend(level=level, margin=MARGIN, require_stable=False, intervals=INSIDE)
+    return SpiceBackend(
+        level=level, bandwidth_margin=MARGIN, require_stable=False, intervals=INSIDE
+    )
 
 
 def growth(backend: SpiceBackend, network: Network) -> float:
@@ -161,7 +163,7 @@ def driven(
 def test_what_rests_beside_a_rail_is_slower_by_the_diode_of_the_idle_clamp(apart, side):
     """1 + 2 s V_T / d times, to first order, as the drop of two diodes is 2 V_T ln d."""
     level = macro(gbw=1e9)
-    circuit, _ = SpiceBackend(level=level, margin=1000).prepare(beside(apart, side))
+    circuit, _ = SpiceBackend(level=level, bandwidth_margin=1000).prepare(beside(apart, side))
     moving = emulate_clamps(circuit, level).network
     x = OdeBackend(verify=False, limit=1e6).run(moving).trajectory.final
     thermal = k * (zero_Celsius + 27) / e
@@ -188,7 +190,9 @@ WAYS = {
 
 
 @needs_ngspice
-@pytest.mark.parametrize("parts", [macro(), macro(gbw=3e6, rout=50.0, rails=4.0)], ids=["", "slow"])
+@pytest.mark.parametrize(
+    "parts", [macro(), macro(gbw=3e6, rout=50.0, output_swing=4.0)], ids=["", "slow"]
+)
 @pytest.mark.parametrize("name", WAYS)
 def test_clamps_move_as_in_ngspice(name, parts):
     """Those that are driven past their rails, too, by up to 0.8 V, where walls would hold."""
@@ -253,7 +257,7 @@ def test_neuron_that_rests_below_its_rail_is_off_and_settles_as_predicted(below,
 def test_run_is_as_long_as_idle_clamps_ask_for(apart):
     """Its slowest time constant, 1, is 1 + 2 s V_T / d times as long."""
     level, network = macro(gbw=1e9), beside(apart, 1)
-    circuit, probe = SpiceBackend(level=level, margin=1000).prepare(network)
+    circuit, probe = SpiceBackend(level=level, bandwidth_margin=1000).prepare(network)
     thermal = CLAMP_RESTING * k * (zero_Celsius + 27) / e
     later = 1 + thermal / 5 * abs(circuit.value_of("x")) / apart
     assert span_of(circuit, level, probe).wanted == pytest.approx(14 * later, rel=0.02)

@@ -23,7 +23,7 @@ from ann_dc import (
 from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.populations import kkt_point
-from ann_dc.hardware.emulation.diode_knee import knee, knee_shift
+from ann_dc.hardware.emulation.diode_knee import knee_shift, with_diode_knee
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
 from ann_dc.network.duals import InequalityDual
 from ann_dc.network.network import Network
@@ -59,7 +59,7 @@ STEEP = st.floats(0.2, 5.0)
 @given(pull=PULLS, w=STEEP, s=SIZES)
 def test_a_row_rests_where_the_closed_form_says(pull, w, s):
     """With z = pull - x: x = (s/w) ln(1 - exp(-z/s)), which has one root."""
-    bent = knee(held(pull, w), s)
+    bent = with_diode_knee(held(pull, w), s)
     x, z = equilibrium(bent, rest(pull) + knee_shift(held(pull, w), rest(pull), s))
     z_expected = brentq(
         lambda z: pull - z - s / w * np.log(-np.expm1(-z / s)), 1e-300, 40 * s + 2, xtol=1e-15
@@ -80,32 +80,32 @@ def test_the_shift_is_that_of_the_bent_kkt_system(pull, w, s):
 
 @given(y=st.floats(-50, 50), s=SIZES)
 def test_the_knee_is_a_diodes(y, s):
-    bent = knee(held(1.0), s)
+    bent = with_diode_knee(held(1.0), s)
     m = evaluator(bent).node(np.array([0.0, y]), "m")[0]
     assert m == pytest.approx(s * np.logaddexp(0.0, y / s), abs=1e-12 * s, rel=1e-12)
 
 
 def test_no_width_is_no_knee():
     network = held(1.0)
-    assert knee(network, 0.0) is network
-    assert knee(network, {}) is network
+    assert with_diode_knee(network, 0.0) is network
+    assert with_diode_knee(network, {}) is network
     assert not knee_shift(network, rest(1.0), 0.0).any()
 
 
 def test_widths_are_checked():
     with pytest.raises(NetworkError, match="width of z: expected 0 or a positive number, got -1"):
-        knee(held(1.0), -1.0)
+        with_diode_knee(held(1.0), -1.0)
     with pytest.raises(NetworkError, match="width of z"):
-        knee(held(1.0), float("inf"))
+        with_diode_knee(held(1.0), float("inf"))
     with pytest.raises(UnknownNameError, match="'w'"):
         knee_shift(held(1.0), rest(1.0), {"w": 0.1})
 
 
 def test_an_exponential_has_no_knee():
     network = synthesize(cart(temperature=0.3))
-    assert knee(network, 0.1) is network
+    assert with_diode_knee(network, 0.1) is network
     with pytest.raises(UnknownNameError, match=r"z_J\.effort"):
-        knee(network, {"z_J.effort": 0.1})
+        with_diode_knee(network, {"z_J.effort": 0.1})
 
 
 def test_shares_of_objectives_have_knees():
@@ -113,7 +113,7 @@ def test_shares_of_objectives_have_knees():
     found = design(cart(weights={"effort": 0.99, "error": 0.01}))
     network, x = found.network, equilibrium(found.network, found.state)
     width = {"z_J.error": 0.05, "z_J.effort": 0.05}
-    soft = knee(network, width)
+    soft = with_diode_knee(network, width)
     bent = equilibrium(soft, x + knee_shift(network, x, width))
     before, after = (kkt_point(n, at)[-1] for n, at in ((network, x), (soft, bent)))
     assert after.sum() == pytest.approx(1.0, abs=1e-9)
@@ -144,7 +144,7 @@ def shifts(name, volts, level) -> np.ndarray:
     """How far controls move, over the largest one: (first order, Newton, ngspice)."""
     network, x, volt = settled(name)
     width = {neuron: volts * value for neuron, value in volt.items()}
-    bent, first = knee(network, width), knee_shift(network, x, width)
+    bent, first = with_diode_knee(network, width), knee_shift(network, x, width)
     run = SpiceBackend(level=level, simulation=Simulation(patience=900.0)).run(bent)
     assert run.settled()
     u = network.of_population("u")
@@ -197,7 +197,7 @@ def test_problems_rest_where_the_closed_form_says(name, volts):
     """The Lagrangian is stationary by the problem's own derivatives, rows are short as foreseen."""
     network, x, volt = settled(name)
     width = {neuron: volts * value for neuron, value in volt.items()}
-    bent = knee(network, width)
+    bent = with_diode_knee(network, width)
     at_rest = equilibrium(bent, x + knee_shift(network, x, width))
     certificate = certificate_of(PROBLEMS[name](), bent, at_rest)
     assert max(certificate.stationarity_residual, certificate.constraint_residual) < 1e-8

@@ -222,9 +222,9 @@ def test_slew_delays_and_rails_mislead():
     slow, same = run_of("car", SLEWING.datasheet)
     assert slow > 1.03 * time
     assert relative(same - free, free) < 1e-5
-    _, clipped = run_of("car", Datasheet(a0=1e5, rails=0.5))
+    _, clipped = run_of("car", Datasheet(a0=1e5, output_swing=0.5))
     assert relative(clipped - free, free) > 1e-2
-    again, wide = run_of("car", Datasheet(a0=1e5, rails=5.0, slew=1e9))
+    again, wide = run_of("car", Datasheet(a0=1e5, output_swing=5.0, slew=1e9))
     assert again == pytest.approx(time, rel=1e-3)
     assert relative(wide - free, free) < 1e-5
 
@@ -343,11 +343,13 @@ every_kind = pytest.mark.parametrize("kind", BEYOND)
 def with_level(
     kind: preconditioners.PreconditionerKind,
     horizon: int | None,
-    margin: float,
+    bandwidth_margin: float,
     plant: str = "car",
     **datasheet,
 ):
-    backend = SpiceBackend(level=macro(**datasheet), margin=margin, node_lag=1e-3)
+    backend = SpiceBackend(
+        level=macro(**datasheet), bandwidth_margin=bandwidth_margin, node_lag=1e-3
+    )
     return backend, *backend.prepare(with_preconditioner(plant, kind, horizon))
 
 
@@ -412,7 +414,7 @@ def test_every_wire_of_a_preconditioner_has_a_name(kind):
 
 @needs_ngspice
 @pytest.mark.parametrize(
-    ("kind", "margin", "plant", "horizon"),
+    ("kind", "bandwidth_margin", "plant", "horizon"),
     [
         (preconditioners.PreconditionerKind.MULTILEVEL, 20.0, "double_integrator", 3),
         pytest.param(
@@ -441,14 +443,16 @@ def test_every_wire_of_a_preconditioner_has_a_name(kind):
         ),
     ],
 )
-def test_ngspice_agrees_with_the_emulation_of_a_preconditioner(kind, margin, plant, horizon):
+def test_ngspice_agrees_with_the_emulation_of_a_preconditioner(
+    kind, bandwidth_margin, plant, horizon
+):
     """Settling and error within 5 %, with every error of single parts drawn."""
-    backend, circuit, probe = with_level(kind, horizon, margin, plant)
+    backend, circuit, probe = with_level(kind, horizon, bandwidth_margin, plant)
     off = draw(circuit.parameters, Tolerances(resistor=1e-3, offset=1e-4), 1)
-    told = predict(circuit, backend.level, probe, off)
+    reported = predict(circuit, backend.level, probe, off)
     run = simulate(backend, circuit, probe, off)
-    assert run.control_error == pytest.approx(told.control_error, rel=0.05)
-    assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
+    assert run.control_error == pytest.approx(reported.control_error, rel=0.05)
+    assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.05)
 
 
 @pytest.mark.slow
@@ -456,16 +460,18 @@ def test_ngspice_agrees_with_the_emulation_of_a_preconditioner(kind, margin, pla
 def test_coordinators_of_a_long_row_in_ngspice():
     """N = 36: settled when emulated, in less than half the time of time constants alone."""
     found = {}
-    for kind, margin in (
+    for kind, bandwidth_margin in (
         (preconditioners.PreconditionerKind.MULTILEVEL, 42.0),
         (preconditioners.PreconditionerKind.DIAGONAL, 10.0),
     ):
         network = with_preconditioner("double_integrator", kind, 36)
-        backend = SpiceBackend(level=macro(), margin=margin, simulation=Simulation(patience=1500))
+        backend = SpiceBackend(
+            level=macro(), bandwidth_margin=bandwidth_margin, simulation=Simulation(patience=1500)
+        )
         circuit, probe = backend.prepare(network)
-        told, run = predict(circuit, macro(), probe), simulate(backend, circuit, probe, {})
-        assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
-        assert told.control_error < 1e-4
+        reported, run = predict(circuit, macro(), probe), simulate(backend, circuit, probe, {})
+        assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.05)
+        assert reported.control_error < 1e-4
         found[kind] = run.settling_time()
     assert (
         found[preconditioners.PreconditionerKind.MULTILEVEL]

@@ -79,7 +79,9 @@ def product_of(circuit, a: float, b: float) -> float:
 
 
 @pytest.mark.parametrize("signs", list(product((1, -1), repeat=3)))
-@pytest.mark.parametrize("parts", [{}, {"multiplier_rails": 10.0}, {"multiplier_bandwidth": 1e6}])
+@pytest.mark.parametrize(
+    "parts", [{}, {"multiplier_output_swing": 10.0}, {"multiplier_bandwidth": 1e6}]
+)
 def test_a_product_is_that_of_the_netlist(signs, parts):
     worn = Parasitics(multiplier_nonlinearity=BENT, multiplier_feedthrough=THROUGH)
     circuit, emulation = built(multiplied(signs), worn, **parts)
@@ -207,14 +209,16 @@ def test_inner_nodes_of_a_cascade_drop_by_the_current_of_their_reader():
         off, share = 0.0, (u - fit.centre) / fit.half
         for gain in gains:
             off = gain * share * off - 10e-3
-        told = curve_of(circuit, drawing(input_current=1e-3, output_resistance=10.0), u)
-        assert told - curve_of(circuit, drawing(), u) == pytest.approx((off + 10e-3) * sy, rel=1e-6)
+        reported = curve_of(circuit, drawing(input_current=1e-3, output_resistance=10.0), u)
+        assert reported - curve_of(circuit, drawing(), u) == pytest.approx(
+            (off + 10e-3) * sy, rel=1e-6
+        )
 
 
 def test_multiplier_of_a_divider_loses_what_its_load_takes():
     circuit, _ = generated("reciprocal", (1, 1), 0.3)
-    told = curve_of(circuit, drawing(output_resistance=50.0), 0.7)
-    assert told == pytest.approx((2 - 1 / (1 + 50.0 / 50e3)) / 0.7, rel=1e-9)
+    reported = curve_of(circuit, drawing(output_resistance=50.0), 0.7)
+    assert reported == pytest.approx((2 - 1 / (1 + 50.0 / 50e3)) / 0.7, rel=1e-9)
 
 
 @needs_ngspice

@@ -16,7 +16,7 @@ from ann_dc.network.duals import InequalityDual
 from ann_dc.network.network import Network
 
 MACRO = levels.macro()
-SLOW = SpiceBackend(level=MACRO, margin=10.0)
+SLOW = SpiceBackend(level=MACRO, bandwidth_margin=10.0)
 DUAL = InequalityDual(neuron="z", residual="g", sum="y", multiplier="m")
 
 
@@ -40,9 +40,9 @@ def ringing(pull: float, x: str = "u.x") -> Network:
 def test_what_rings_settles_as_predicted(pull):
     """Without drop and junction the prediction is 9 % early."""
     run = SLOW.run(ringing(pull))
-    told = predict(run.circuit, MACRO, run.probe)
+    reported = predict(run.circuit, MACRO, run.probe)
     run = refined(run, Ngspice(), MACRO.datasheet)
-    assert run.settling_time() == pytest.approx(told.settling_time, rel=0.01)
+    assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.01)
 
 
 @pytest.mark.parametrize("volts", [0.05, 0.2, 0.8])
@@ -77,5 +77,5 @@ def test_modes_at_rest_are_those_of_the_transient(pull):
 @needs_ngspice
 def test_a_network_without_controls_is_predicted_by_all_of_its_neurons():
     run = SLOW.run(ringing(1.0, "x"))
-    told = predict(run.circuit, MACRO, run.probe)
-    assert told.control_error == pytest.approx(run.control_error, abs=1e-4)
+    reported = predict(run.circuit, MACRO, run.probe)
+    assert reported.control_error == pytest.approx(run.control_error, abs=1e-4)

@@ -31,7 +31,7 @@ from ann_dc.hardware.nonidealities.numbers import (
     offset,
     quantised,
 )
-from ann_dc.hardware.nonidealities.parts import extra_pole, noise, rails, slew
+from ann_dc.hardware.nonidealities.parts import extra_pole, noise, saturation, slew
 from ann_dc.hardware.parts.e_series import E12, E24, E96
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import (
@@ -63,8 +63,8 @@ NONE = {
     "quantised": lambda n, where: quantised(n, where),
     "gain_error": lambda n, where: gain_error(n, 0.0, where),
     "gain_error drawn": lambda n, where: gain_error(n, 0.0, where, seed=1),
-    "rails": lambda n, where: rails(n, np.inf, where),
-    "rails by name": lambda n, where: rails(n, {"q.x": np.inf}, where),
+    "rails": lambda n, where: saturation(n, np.inf, where),
+    "rails by name": lambda n, where: saturation(n, {"q.x": np.inf}, where),
     "slew": lambda n, where: slew(n, np.inf, where),
     "noise": lambda n, where: noise(n, 0.0, where),
 }
@@ -207,9 +207,9 @@ OUT_OF_RANGE = {
     "infinite mismatch": (lambda n: mismatch(n, np.inf, seed=0), "relative: expected a finite"),
     "no bits": (lambda n: quantised(n, bits=0), "bits: expected 1 or more.*got 0"),
     "gain error": (lambda n: gain_error(n, np.nan), "relative: expected a finite"),
-    "rails at zero": (lambda n: rails(n, 0.0), "limit of x: expected a positive"),
-    "rails of one at zero": (lambda n: rails(n, {"x": -1.0}), "limit of x: expected"),
-    "rails at one stage": (lambda n: rails(n, 1.0, Selection(stages=())), "leave stages out"),
+    "rails at zero": (lambda n: saturation(n, 0.0), "limit of x: expected a positive"),
+    "rails of one at zero": (lambda n: saturation(n, {"x": -1.0}), "limit of x: expected"),
+    "rails at one stage": (lambda n: saturation(n, 1.0, Selection(stages=())), "leave stages out"),
     "rate of zero": (lambda n: slew(n, 0.0), "rate: expected a positive number"),
     "infinite noise": (lambda n: noise(n, np.inf), "density: expected a finite number"),
 }
@@ -224,7 +224,7 @@ def test_strengths_out_of_range(case):
 
 def test_rails_of_an_unknown_neuron():
     with pytest.raises(UnknownNameError, match=r"limit: neuron 'y' does not exist; .*: x"):
-        rails(LAG, {"y": 1.0})
+        saturation(LAG, {"y": 1.0})
 
 
 CHOICES = {
@@ -572,7 +572,7 @@ def test_only_what_blocks_read_costs_a_sum():
 
 
 def test_rails_stop():
-    run = OdeBackend(verify=False).run(rails(LAG, 0.5))
+    run = OdeBackend(verify=False).run(saturation(LAG, 0.5))
     np.testing.assert_allclose(run.trajectory.final, 0.5, atol=1e-3)
     assert (run.trajectory.states <= 0.5 + 1e-3).all()
 
@@ -580,7 +580,7 @@ def test_rails_stop():
 def test_tighter_rails_stay():
     limited = Neuron(name="x", limiter=Limiter(low=-0.1, high=3.0))
     network = Network(cell=Cell(neurons=(limited, Neuron(name="y"))), stages=1)
-    after = rails(network, {"x": 1.0, "y": np.inf})
+    after = saturation(network, {"x": 1.0, "y": np.inf})
     found = [(n.limiter.low, n.limiter.high) for n in after.cell.neurons]
     assert found == [(-0.1, 1.0), (-np.inf, np.inf)]
 
@@ -588,12 +588,12 @@ def test_tighter_rails_stay():
 def test_rails_that_leave_no_room():
     limited = Neuron(name="x", limiter=Limiter(low=2.0))
     with pytest.raises(NetworkError, match=r"x: rails 2.0 .. 1.0 leave no room"):
-        rails(Network(cell=Cell(neurons=(limited,)), stages=1), 1.0)
+        saturation(Network(cell=Cell(neurons=(limited,)), stages=1), 1.0)
 
 
 def test_rails_of_a_population_move_its_start():
     network = car().with_start(np.full(car().size, 5.0))
-    after = rails(network, 2.0, Selection(populations=("u",)))
+    after = saturation(network, 2.0, Selection(populations=("u",)))
     u = after.of_population("u")
     assert (after.start_state[u] == 2.0).all()
     assert (after.start_state[~u] == 5.0).all()
@@ -721,7 +721,7 @@ def test_the_car_agrees_too():
 
 @pytest.mark.parametrize("nonidealities", [*([d] for d in SMALL), ALL], ids="-".join)
 def test_a_file_keeps_the_dynamics(nonidealities, tmp_path):
-    network = rails(spoiled("double_integrator", *nonidealities), 50.0)
+    network = saturation(spoiled("double_integrator", *nonidealities), 50.0)
     save(network, tmp_path / "network.npz")
     again = load(tmp_path / "network.npz")
     x = near_start(network, 0)

@@ -76,7 +76,7 @@ def test_transistors_read_their_supplies_and_corner():
 
 
 def test_rails_of_macro_models_are_those_of_their_supplies():
-    text = deck(macro(rails=10.0), Conditions(supply=0.9))
+    text = deck(macro(output_swing=10.0), Conditions(supply=0.9))
     assert ".param opamp_vsat=9\n" in text
     assert ".param opamp_vsat=10\n" not in text
 

@@ -64,7 +64,14 @@ def test_parts_without_errors_of_a_kind_do_not_drift_in_it():
 
 @pytest.mark.parametrize(
     "name",
-    ["a0", "slew", "rails", "multiplier_rails", "multiplier_bandwidth", "function_bandwidth"],
+    [
+        "a0",
+        "slew",
+        "output_swing",
+        "multiplier_output_swing",
+        "multiplier_bandwidth",
+        "function_bandwidth",
+    ],
 )
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
 def test_hardware_out_of_range_is_named(name, value):

@@ -86,12 +86,14 @@ def test_a_unit_that_was_forgotten_is_told(name):
 # ---- elsewhere -----------------------------------------------------------------------------------
 
 PARTS = Tolerances(resistor=1e-3, gain=1e-2, resistor_drift=1e-5)
-BOARD = macro(Datasheet(a0=1e5, rails=14.0, multiplier_rails=12.0, tolerances=PARTS))
+BOARD = macro(Datasheet(a0=1e5, output_swing=14.0, multiplier_output_swing=12.0, tolerances=PARTS))
 
 
 def test_rails_follow_the_supplies_and_tolerances_the_temperature():
     there = BOARD.at(Conditions(supply=0.9, temperature=77.0))
-    assert (there.datasheet.rails, there.datasheet.multiplier_rails) == pytest.approx((12.6, 10.8))
+    assert (there.datasheet.output_swing, there.datasheet.multiplier_output_swing) == pytest.approx(
+        (12.6, 10.8)
+    )
     assert there.limit == pytest.approx(10.8)
     assert there.tolerances.size(Kind.RESISTOR) == pytest.approx(1.5e-3)
     assert there.tolerances.size(Kind.GAIN) == 1e-2
@@ -107,7 +109,7 @@ def test_parts_of_which_nothing_is_known_are_typical_and_those_without_errors_id
 def test_a_level_goes_from_place_to_place_as_if_straight_there():
     way = BOARD.at(Conditions(supply=0.5, temperature=-40.0)).at(Conditions(supply=1.1))
     straight = BOARD.at(Conditions(supply=1.1))
-    assert way.datasheet.rails == pytest.approx(straight.datasheet.rails)
+    assert way.datasheet.output_swing == pytest.approx(straight.datasheet.output_swing)
     assert way.tolerances == straight.tolerances
 
 

@@ -70,7 +70,7 @@ def test_an_integrator_has_the_rails_of_its_neuron():
 
 
 @pytest.mark.parametrize(
-    ("level", "told"),
+    ("level", "reported"),
     [
         (levels.macro(differential=True), "take a level of single-ended op amps.*'macro'"),
         (
@@ -79,8 +79,8 @@ def test_an_integrator_has_the_rails_of_its_neuron():
         ),
     ],
 )
-def test_levels_without_rails_say_which_has_them(level, told):
-    with pytest.raises(NetworkError, match=told):
+def test_levels_without_rails_say_which_has_them(level, reported):
+    with pytest.raises(NetworkError, match=reported):
         SpiceBackend(level=level).prepare(with_limits())
 
 
@@ -101,8 +101,8 @@ def test_rails_that_no_part_has_are_refused():
 )
 def test_rails_of_coupled_neurons_without_rows_are_refused(kind):
     network = clamped_runs.with_limits(wired_with("double_integrator", kind), 0.15, "u")
-    told = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others; .*rows"
-    with pytest.raises(NetworkError, match=told):
+    reported = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others; .*rows"
+    with pytest.raises(NetworkError, match=reported):
         schematic_of(network)
 
 

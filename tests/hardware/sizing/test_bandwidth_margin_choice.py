@@ -32,12 +32,14 @@ def level(*, farads: float = 0.0, ohms: float | None = None, full=1.0, **parasit
     )
 
 
-def made(wanted: Level, name: str = "double_integrator", margin: float | None = None):
+def made(wanted: Level, name: str = "double_integrator", bandwidth_margin: float | None = None):
     """(circuit, probe, what was told of its sizes)."""
-    told: list[str] = []
-    backend = SpiceBackend(level=wanted, margin=margin, progress=told.append)
+    reported: list[str] = []
+    backend = SpiceBackend(
+        level=wanted, bandwidth_margin=bandwidth_margin, progress=reported.append
+    )
     circuit, probe = backend.prepare(neighbour_wired(name, PLANTS[name]))
-    return circuit, probe, [line for line in told if "resistors on the scale" in line]
+    return circuit, probe, [line for line in reported if "resistors on the scale" in line]
 
 
 BARE = replace(TRANSISTOR, datasheet=replace(TRANSISTOR.datasheet, parasitics=Parasitics()))
@@ -45,29 +47,29 @@ BARE = replace(TRANSISTOR, datasheet=replace(TRANSISTOR.datasheet, parasitics=Pa
 
 @pytest.mark.parametrize("wanted", [level(), level(bias_current=1e-9), BARE])
 def test_parts_that_ask_for_nothing_get_the_usual_sizes(wanted):
-    circuit, _, told = made(replace(wanted, smallest_capacitor=0.0))
+    circuit, _, reported = made(replace(wanted, smallest_capacitor=0.0))
     assert circuit.inverter == (wanted.smallest_resistor or SMALLEST_RESISTOR)
-    assert circuit.scaling.margin == MARGIN
-    assert not told
+    assert circuit.scaling.bandwidth_margin == MARGIN
+    assert not reported
 
 
 def test_gates_of_the_smallest_transistors_leave_sizes_as_they_are():
     circuit, _, _ = made(TRANSISTOR)
-    assert (circuit.inverter, circuit.scaling.margin) == (100e3, MARGIN)
+    assert (circuit.inverter, circuit.scaling.bandwidth_margin) == (100e3, MARGIN)
 
 
 @pytest.mark.parametrize("name", PLANTS)
 @pytest.mark.parametrize("farads", [20e-12, 47e-12, 470e-12])
 def test_capacitors_are_as_large_as_asked_for_and_no_larger_than_need_be(name, farads):
-    circuit, _, told = made(level(farads=farads), name)
+    circuit, _, reported = made(level(farads=farads), name)
     smallest = circuit.ranges[1][0]
     assert farads * (1 - 1e-9) <= smallest < 1.15 * farads  # sizes have two digits
-    if circuit.scaling.margin > MARGIN:  # resistors cannot be smaller
+    if circuit.scaling.bandwidth_margin > MARGIN:  # resistors cannot be smaller
         assert heaviest(circuit).amperes > 0.85 * SHARE * CURRENT
-        times = circuit.scaling.margin / MARGIN
-        assert f"{times:.3g} times slower than at margin 10" in told[0]
+        times = circuit.scaling.bandwidth_margin / MARGIN
+        assert f"{times:.3g} times slower than at margin 10" in reported[0]
     else:
-        assert "slower" not in told[0]
+        assert "slower" not in reported[0]
     assert heaviest(circuit).amperes < SHARE * CURRENT
 
 
@@ -76,7 +78,9 @@ def test_a_known_output_current_counts_instead_of_the_usual_one():
     weak, _, _ = made(level(farads=1e-8, output_current=5e-3))
     assert 0.8 * 0.1 * SHARE < heaviest(strong).amperes < 0.1 * SHARE
     assert 0.8 * 5e-3 * SHARE < heaviest(weak).amperes < 5e-3 * SHARE
-    assert weak.scaling.margin / strong.scaling.margin == pytest.approx(20, rel=0.1)
+    assert weak.scaling.bandwidth_margin / strong.scaling.bandwidth_margin == pytest.approx(
+        20, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -88,7 +92,9 @@ def test_a_capacitance_at_grounds_gets_resistors_with_which_nothing_rings(name, 
     assert circuit.inverter < SMALLEST_RESISTOR
     corner = np.pi * 1e7 * farads * circuit.inverter  # of an inverter: two resistors
     assert corner <= GROUND
-    rough, _, _ = made(replace(wanted, smallest_resistor=SMALLEST_RESISTOR), name, margin=10.0)
+    rough, _, _ = made(
+        replace(wanted, smallest_resistor=SMALLEST_RESISTOR), name, bandwidth_margin=10.0
+    )
     if farads > 10e-12:
         assert not is_stable(rough, wanted, probe.final)  # which is why
 
@@ -121,29 +127,31 @@ def test_no_resistor_is_smaller_than_ten_output_resistances():
 
 def test_resistors_that_are_given_are_kept_and_the_margin_grows_until_nothing_rings():
     wanted = level(input_capacitance=20e-12, ohms=SMALLEST_RESISTOR)
-    circuit, probe, told = made(wanted)
+    circuit, probe, reported = made(wanted)
     assert circuit.inverter == SMALLEST_RESISTOR
     least = least_margin(circuit, wanted, probe.final)
-    assert 10 < least < circuit.scaling.margin <= 1.1 * SPARE * least
-    assert "times slower" in told[0]
+    assert 10 < least < circuit.scaling.bandwidth_margin <= 1.1 * SPARE * least
+    assert "times slower" in reported[0]
     for share, stable in ((0.97, False), (1.03, True)):
-        near = circuit.slower(share * least / circuit.scaling.margin)
+        near = circuit.slower(share * least / circuit.scaling.bandwidth_margin)
         assert is_stable(near, wanted, probe.final) == stable
 
 
 def test_small_capacitors_between_resistors_that_are_given_are_told_of_with_their_cost():
-    circuit, _, told = made(level(farads=47e-12, ohms=SMALLEST_RESISTOR))
-    assert circuit.scaling.margin == MARGIN
+    circuit, _, reported = made(level(farads=47e-12, ohms=SMALLEST_RESISTOR))
+    assert circuit.scaling.bandwidth_margin == MARGIN
     smallest = circuit.ranges[1][0]
     assert smallest < 47e-12
-    assert f"take resistors {47e-12 / smallest:.3g} times smaller, or a margin as many" in told[0]
+    assert (
+        f"take resistors {47e-12 / smallest:.3g} times smaller, or a margin as many" in reported[0]
+    )
 
 
 def test_a_margin_that_is_given_is_kept():
-    circuit, _, told = made(level(farads=2e-9), margin=12.0)
-    assert circuit.scaling.margin == 12.0
+    circuit, _, reported = made(level(farads=2e-9), bandwidth_margin=12.0)
+    assert circuit.scaling.bandwidth_margin == 12.0
     assert circuit.ranges[1][0] < 2e-9
-    assert "for the 2e-09 F that strays ask for" in told[0]
+    assert "for the 2e-09 F that strays ask for" in reported[0]
 
 
 def test_what_is_given_and_rings_is_refused_with_what_would_not():
@@ -154,11 +162,11 @@ def test_what_is_given_and_rings_is_refused_with_what_would_not():
     meant = r"unstable .*margin 10; raise the margin to (?P<margin>\S+) or more, or take a "
     meant += r"smallest_resistor of (?P<ohms>\S+) ohm, for the 2e-11 F at every virtual ground"
     with pytest.raises(NetworkError, match=meant) as refusal:
-        SpiceBackend(level=wanted, margin=10.0).run(network)
+        SpiceBackend(level=wanted, bandwidth_margin=10.0).run(network)
     found = re.search(meant, str(refusal.value))
     assert least <= float(found["margin"]) < 1.1 * least
     cured = replace(wanted, smallest_resistor=float(found["ohms"]))
-    assert is_stable(made(cured, margin=10.0)[0], cured, probe.final)
+    assert is_stable(made(cured, bandwidth_margin=10.0)[0], cured, probe.final)
 
 
 def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():
@@ -191,10 +199,10 @@ def test_presets_keep_strays_small_on_boards():
 def test_chosen_margin_is_first_one_of_two_digits_with_a_stable_circuit_at_two_thirds(name, farads):
     wanted = level(input_capacitance=farads, ohms=SMALLEST_RESISTOR)
     circuit, probe, _ = made(wanted, name)
-    margin = circuit.scaling.margin
-    before = two_digits(margin * (1 - 1e-3))
-    for value, stable in ((before, False), (margin, True)):
-        spared = circuit.slower(value / SPARE / margin)
+    bandwidth_margin = circuit.scaling.bandwidth_margin
+    before = two_digits(bandwidth_margin * (1 - 1e-3))
+    for value, stable in ((before, False), (bandwidth_margin, True)):
+        spared = circuit.slower(value / SPARE / bandwidth_margin)
         assert is_stable(spared, wanted, probe.final) == stable
 
 
@@ -210,9 +218,9 @@ def test_run_with_margin_search_emulates_few_circuits_and_run_without_search_one
     monkeypatch.setattr(building, "_emulated", counted)
     wanted = level(input_capacitance=20e-12, ohms=SMALLEST_RESISTOR)
     network, counts = neighbour_wired(name, PLANTS[name]), []
-    for margin in (None, 100.0):
+    for bandwidth_margin in (None, 100.0):
         emulated.clear()
-        backend = SpiceBackend(level=wanted, margin=margin)
+        backend = SpiceBackend(level=wanted, bandwidth_margin=bandwidth_margin)
         circuit, probe = backend.prepare(network)
         backend.check_stable(emulate(circuit, wanted, {}), probe)
         backend.deck(circuit, probe, {})

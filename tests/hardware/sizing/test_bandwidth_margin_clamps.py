@@ -15,7 +15,7 @@ from ann_dc.hardware.sizing.bandwidth_margin import check_clamps, holding_margin
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
 from ann_dc.network.network import Network
 
-MACRO = macro(rails=13.0)
+MACRO = macro(output_swing=13.0)
 
 
 def two(push: float) -> Network:
@@ -37,28 +37,28 @@ def test_the_margin_is_that_of_the_volts_that_a_clamp_gives(push):
     volts = 50 * (push - 0.5) / 0.6  # with a margin of one, and a fastest time constant of one
     least = holding_margin(circuit, MACRO, probe.final)
     assert least == pytest.approx(volts / (0.7 * 13 - 0.6), rel=1e-9)
-    assert circuit.scaling.margin == pytest.approx(max(10.0, least), rel=0.1)
-    assert circuit.scaling.margin >= least
+    assert circuit.scaling.bandwidth_margin == pytest.approx(max(10.0, least), rel=0.1)
+    assert circuit.scaling.bandwidth_margin >= least
 
 
 def test_what_is_free_presses_nothing():
     circuit, probe = SpiceBackend(level=MACRO).prepare(two(0.4))
     assert holding_margin(circuit, MACRO, probe.final) == 0
-    assert circuit.scaling.margin == 10
+    assert circuit.scaling.bandwidth_margin == 10
 
 
 def test_a_margin_that_is_too_small_is_refused_with_one_that_is_not():
     with pytest.raises(NetworkError, match="harder than the op amps of clamps") as refused:
-        SpiceBackend(level=MACRO, margin=20).prepare(two(8.0))
+        SpiceBackend(level=MACRO, bandwidth_margin=20).prepare(two(8.0))
     enough = float(re.search(r"a margin of (\S+) or more", str(refused.value))[1])
-    circuit, _ = SpiceBackend(level=MACRO, margin=enough).prepare(two(8.0))
-    assert circuit.scaling.margin == enough
+    circuit, _ = SpiceBackend(level=MACRO, bandwidth_margin=enough).prepare(two(8.0))
+    assert circuit.scaling.bandwidth_margin == enough
 
 
 def test_rails_below_the_drop_of_a_diode_hold_nothing():
     circuit, probe = SpiceBackend(level=MACRO).prepare(two(2.0))
-    with pytest.raises(NetworkError, match=r"with rails of 0\.8 V, can hold; take parts with more"):
-        check_clamps(circuit, macro(rails=0.8), probe.final)
+    with pytest.raises(NetworkError, match=r"swing of 0\.8 V, can hold; take parts with more"):
+        check_clamps(circuit, macro(output_swing=0.8), probe.final)
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_controls_that_are_pressed_hard_stay_at_their_bounds():
         design(cart(), preconditioner=PreconditionerKind.DIAGONAL).network
     )
     said = predict(run.circuit, MACRO, run.probe)
-    assert run.circuit.scaling.margin > 20
+    assert run.circuit.scaling.bandwidth_margin > 20
     assert run.settled()
     assert run.control_error < 2e-5
     assert said.control_error == pytest.approx(run.control_error, rel=0.05)

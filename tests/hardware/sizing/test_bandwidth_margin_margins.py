@@ -18,13 +18,15 @@ def test_more_capacitance_asks_for_more_margin():
         macro(Datasheet(a0=1e6, parasitics=Parasitics(stray_capacitance=farads)))
         for farads in (0.0, 10e-12, 30e-12)
     ]
-    told: list[str] = []
+    reported: list[str] = []
     none, some, much = (
-        least_margin(circuit, level, probe.final, progress=told.append) for level in levels
+        least_margin(circuit, level, probe.final, progress=reported.append) for level in levels
     )
-    assert told[0] == "smallest margin: is 1 enough?"
+    assert reported[0] == "smallest margin: is 1 enough?"
     assert none < some < much
-    assert is_stable(circuit.slower(1.02 * much / circuit.scaling.margin), levels[2], probe.final)
+    assert is_stable(
+        circuit.slower(1.02 * much / circuit.scaling.bandwidth_margin), levels[2], probe.final
+    )
     # it is of the resistors, whatever the margin and with it the capacitors are
     again = least_margin(circuit.slower(4.0), levels[2], probe.final)
     assert again == pytest.approx(much, rel=0.02)

@@ -34,27 +34,30 @@ def numbers(said: str) -> list[float]:
 def test_resistors_and_margins_that_are_named_cure():
     level = presets.get("opa192_ad734")
     rings = replace(level, smallest_resistor=1e5)
-    circuit, x = built(rings, margin=10.0)
+    circuit, x = built(rings, bandwidth_margin=10.0)
     assert not is_stable(circuit, rings, x)
     said = cure(circuit, rings, x)
     assert said.startswith("raise the margin to ")
     assert said.endswith(" ohm, for the 1.1e-11 F at every virtual ground")
-    margin, ohms = numbers(said)
-    for given in ({"smallest_resistor": 1e5, "margin": margin}, {"smallest_resistor": ohms}):
+    bandwidth_margin, ohms = numbers(said)
+    for given in (
+        {"smallest_resistor": 1e5, "bandwidth_margin": bandwidth_margin},
+        {"smallest_resistor": ohms},
+    ):
         cured = replace(level, smallest_resistor=given.pop("smallest_resistor"))
-        assert is_stable(built(cured, **({"margin": 10.0} | given))[0], cured, x)
+        assert is_stable(built(cured, **({"bandwidth_margin": 10.0} | given))[0], cured, x)
 
 
 @pytest.mark.slow
 def test_smaller_resistors_and_a_larger_margin_are_named_together():
     level = presets.get("opa192_ad734")
     rings = replace(level, smallest_resistor=1e7)
-    circuit, x = built(rings, margin=2.0)
+    circuit, x = built(rings, bandwidth_margin=2.0)
     assert np.isinf(least_margin(circuit, rings, x))
-    ohms, margin = numbers(cure(circuit, rings, x))
+    ohms, bandwidth_margin = numbers(cure(circuit, rings, x))
     cured = replace(level, smallest_resistor=ohms)
-    assert not is_stable(built(cured, margin=2.0)[0], cured, x)
-    assert is_stable(built(cured, margin=margin)[0], cured, x)
+    assert not is_stable(built(cured, bandwidth_margin=2.0)[0], cured, x)
+    assert is_stable(built(cured, bandwidth_margin=bandwidth_margin)[0], cured, x)
 
 
 @pytest.mark.slow
@@ -76,14 +79,14 @@ def test_a_faster_grid_is_named_where_margins_alone_do_not_cure():
     network = design(dint_v(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
     level = macro()
     circuit, probe = SpiceBackend(level=level).prepare(network)
-    told = cure(circuit, level, probe.final)
-    (margin,) = numbers(told)
-    assert "node_lag a tenth as large" in told
+    reported = cure(circuit, level, probe.final)
+    (bandwidth_margin,) = numbers(reported)
+    assert "node_lag a tenth as large" in reported
     lag = SpiceBackend().node_lag
     for share, stable in ((1.0, False), (0.1, True)):
-        cured, probe = SpiceBackend(level=level, margin=margin, node_lag=share * lag).prepare(
-            network
-        )
+        cured, probe = SpiceBackend(
+            level=level, bandwidth_margin=bandwidth_margin, node_lag=share * lag
+        ).prepare(network)
         assert is_stable(cured, level, probe.final) == stable
 
 

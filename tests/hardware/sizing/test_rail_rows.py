@@ -121,7 +121,7 @@ def test_amplifiers_of_a_circuit_with_rows_have_room_for_their_inputs():
             times = part.rho if isinstance(part, PICell) else 1.0
             units = [scaling.unit[w.source] / scaling.unit[part.name] for w in part.wires]
             gain = np.sum([abs(w.weight) * u * times for w, u in zip(part.wires, units)], axis=0)
-            most = GAIN if isinstance(part, PICell) else INTO * omega / scaling.margin
+            most = GAIN if isinstance(part, PICell) else INTO * omega / scaling.bandwidth_margin
             assert gain.max() < most * (1 + 1e-9)
             seen += 1
     assert seen > 5
@@ -147,7 +147,7 @@ def test_op_amps_beside_a_grid_are_as_fast_as_its_softest_mode_asks_for():
     softest = np.linalg.eigvalsh(stiffness / np.outer(across, across))[0]
     circuit, _ = SpiceBackend(level=level).prepare(network)
     omega = 2 * np.pi * level.datasheet.usable_bandwidth * circuit.scaling.time
-    expected = FOLLOWING / softest / (omega / circuit.scaling.margin)
+    expected = FOLLOWING / softest / (omega / circuit.scaling.bandwidth_margin)
     assert following_margin(circuit, level) == pytest.approx(expected, rel=1e-6)
 
 
@@ -155,17 +155,17 @@ def test_a_chosen_margin_is_that_of_long_waves_and_a_given_one_is_obeyed():
     network = design(dint_u(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
     chosen, _ = SpiceBackend(level=levels.macro()).prepare(network)
     wanted = following_margin(chosen, levels.macro())
-    assert 10 < wanted <= chosen.scaling.margin < 1.1 * wanted
-    given, _ = SpiceBackend(level=levels.macro(), margin=10.0).prepare(network)
-    assert given.scaling.margin == 10
+    assert 10 < wanted <= chosen.scaling.bandwidth_margin < 1.1 * wanted
+    given, _ = SpiceBackend(level=levels.macro(), bandwidth_margin=10.0).prepare(network)
+    assert given.scaling.bandwidth_margin == 10
 
 
 def test_a_margin_with_which_long_waves_grow_is_refused_with_one_that_is_enough():
     """At 10 the circuit of the lander grows in ngspice, and its pole model is stable."""
     network = design(lander(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
-    told = (
+    reported = (
         r"margin: 10 is too small: .* resistive grid; take a margin of \d+ "
         r".*PreconditionerKind.CYCLIC_REDUCTION"
     )
-    with pytest.raises(NetworkError, match=told):
-        SpiceBackend(level=levels.macro(), margin=10.0).prepare(network)
+    with pytest.raises(NetworkError, match=reported):
+        SpiceBackend(level=levels.macro(), bandwidth_margin=10.0).prepare(network)

@@ -97,11 +97,11 @@ def test_drives_may_have_axes_before_them_and_be_complex(kind, case):
     stage, neuron = np.nonzero(row.rates.T > 0)
     drives = rng.standard_normal((2, 3, *row.rates.shape)) * (row.rates > 0)
     drives = drives + 1j * rng.standard_normal(drives.shape) * (row.rates > 0)
-    moves = preconditioner.apply(row, drives)
-    assert moves.shape == drives.shape
-    assert_close(moves[..., neuron, stage], drives[..., neuron, stage] @ M.T, 1e-11)
-    assert not moves[..., row.rates == 0].any()
-    assert_close(preconditioner.apply(row, drives.real), moves.real, 1e-12)
+    derivatives = preconditioner.apply(row, drives)
+    assert derivatives.shape == drives.shape
+    assert_close(derivatives[..., neuron, stage], drives[..., neuron, stage] @ M.T, 1e-11)
+    assert not derivatives[..., row.rates == 0].any()
+    assert_close(preconditioner.apply(row, drives.real), derivatives.real, 1e-12)
 
 
 @every_kind
@@ -166,7 +166,7 @@ def test_every_problem(name, kind):
     assert np.linalg.eigvalsh(M).min() > 0
     drive = np.random.default_rng(3).standard_normal(network.size)
     for ours in (evaluator(network), InterpretedEvaluator(network)):
-        assert_close(ours.move(drive), M @ drive)
+        assert_close(ours.derivative(drive), M @ drive)
     back = network.preconditioner.factors(network.layout).inverse()(M @ drive)
     assert_close(back, drive, 1e-7)
 
@@ -251,9 +251,9 @@ def test_nothing_rests_but_what_has_no_drive(kind, seed):
     x = near_start(network, seed % 1000)
     drive = network.pack(evaluator(network).drives(x))
     smallest = np.linalg.eigvalsh(evaluator(wired).preconditioner.toarray())[0]
-    move = evaluator(wired).rhs(x)
-    assert np.linalg.norm(move) >= (1 - 1e-9) * smallest * np.linalg.norm(drive)
-    assert move @ drive > 0
+    derivative = evaluator(wired).rhs(x)
+    assert np.linalg.norm(derivative) >= (1 - 1e-9) * smallest * np.linalg.norm(drive)
+    assert derivative @ drive > 0
 
 
 def test_a_preconditioner_is_not_shared_by_accident():

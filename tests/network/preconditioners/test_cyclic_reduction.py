@@ -26,14 +26,14 @@ def by_wires(tree: CyclicReduction, row: ArrayLayout, drives: np.ndarray) -> np.
                 own[block[i], block[j]] = value
         place = place[1::2]
     gone = [level_place[level_place >= 0] for level_place in _levels(found)]
-    rest, moves = drives.astype(float).copy(), np.zeros(len(drives))
+    rest, derivatives = drives.astype(float).copy(), np.zeros(len(drives))
     for eliminated, remaining in zip(gone, _remaining(gone)):
         rest[remaining] += weights[eliminated][:, remaining].T @ rest[eliminated]
     for eliminated, remaining in reversed(list(zip(gone, _remaining(gone)))):
         table = np.array([[own.get((i, j), 0.0) for j in eliminated] for i in eliminated])
-        moves[eliminated] = table @ rest[eliminated]
-        moves[eliminated] += weights[eliminated][:, remaining] @ moves[remaining]
-    return moves
+        derivatives[eliminated] = table @ rest[eliminated]
+        derivatives[eliminated] += weights[eliminated][:, remaining] @ derivatives[remaining]
+    return derivatives
 
 
 def min_max(block, i, j) -> tuple[int, int]:

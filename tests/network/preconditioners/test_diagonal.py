@@ -12,8 +12,8 @@ ROW = ArrayLayout(
 
 
 def test_a_drive_moves_its_own_neuron():
-    moves = Diagonal().apply(ROW, np.array([[2.0, 3.0], [1.0, 1.0]]))
-    np.testing.assert_array_equal(moves, [[1.0, 0.0], [2.0, 4.0]])
+    derivatives = Diagonal().apply(ROW, np.array([[2.0, 3.0], [1.0, 1.0]]))
+    np.testing.assert_array_equal(derivatives, [[1.0, 0.0], [2.0, 4.0]])
     matrix = Diagonal().factors(ROW).matrix().toarray()
     np.testing.assert_array_equal(matrix, np.diag([0.5, 2.0, 4.0]))
 

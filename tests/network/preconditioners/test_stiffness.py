@@ -67,14 +67,14 @@ def test_moves_are_a_dense_solve(stiffness, row, seed):
     root = np.sqrt(row.rates[row.primal]).T.ravel()
     pushed = root * drives[row.primal].T.ravel()
     expected = root * np.linalg.solve(tridiagonal(*preconditioner.blocks(row)), pushed)
-    moves = preconditioner.apply(row, drives)
-    np.testing.assert_allclose(moves[row.primal].T.ravel(), expected, atol=1e-10)
+    derivatives = preconditioner.apply(row, drives)
+    np.testing.assert_allclose(derivatives[row.primal].T.ravel(), expected, atol=1e-10)
     duals = np.setdiff1d(np.arange(len(drives)), row.primal)
-    np.testing.assert_array_equal(moves[duals], (drives * row.rates)[duals])
+    np.testing.assert_array_equal(derivatives[duals], (drives * row.rates)[duals])
     several = preconditioner.apply(
         row, np.stack([drives] * drives.size)
     )  # more than are solved in bands
-    np.testing.assert_allclose(several, np.broadcast_to(moves, several.shape), atol=1e-10)
+    np.testing.assert_allclose(several, np.broadcast_to(derivatives, several.shape), atol=1e-10)
 
 
 @both

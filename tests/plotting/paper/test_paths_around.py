@@ -23,10 +23,10 @@ def lines(axes):
 
 @pytest.mark.slow
 def test_a_leap_leads_from_one_piece_to_the_next():
-    printed, legs, discs = figure_4([planned()]).axes
+    printed, segments, discs = figure_4([planned()]).axes
     pieces = planned().printed
     assert printed.get_title(loc="left").startswith("(b) three obstacles, as printed")
-    for axes in (printed, legs, discs):
+    for axes in (printed, segments, discs):
         assert len([patch for patch in axes.patches if isinstance(patch, Circle)]) == 3
     leaps = lines(printed)["to q_obs + delta: printed without a plan"].get_xydata()
     np.testing.assert_array_equal(leaps[0], pieces[0].q[:2, -1])

@@ -25,6 +25,6 @@ def test_decomposition_names_the_stages_and_the_end_of_the_problem():
 
 
 def test_transfer_tells_the_first_stage_no_beta_if_its_state_is_given():
-    told = texts(figure_3(plants.double_integrator(N=4)))
-    assert "$t_0$" in told
-    assert "beta_{3}" in told
+    reported = texts(figure_3(plants.double_integrator(N=4)))
+    assert "$t_0$" in reported
+    assert "beta_{3}" in reported

@@ -243,8 +243,10 @@ def test_a_hundred_thousand_rows(tmp_path):
     file = tmp_path / "page.html"
     words = [sys.executable, "-c", WRITE, str(file)]
     environment = {**os.environ, "PYTHONPATH": ":".join(sys.path)}
-    told = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
-    seconds, peak = map(float, told.split())
+    reported = subprocess.run(
+        words, env=environment, check=True, capture_output=True, text=True
+    ).stdout
+    seconds, peak = map(float, reported.split())
     assert seconds < 60
     assert peak < 1e6  # kB
     assert os.path.getsize(file) < 30e6

@@ -25,22 +25,22 @@ def test_more_error_never_mends_the_same_draws():
 
 
 def test_a_board_that_repels_is_infinitely_slow_and_no_good():
-    figures = {"circuit.margin": (2.0, 10.0)}
-    table = yield_curves(PLANT, spec=SPEC, figures=figures, samples=2)["circuit.margin"].run(
-        workers=0
-    )
-    slow, fast = table.by("circuit.margin").values()
+    figures = {"circuit.bandwidth_margin": (2.0, 10.0)}
+    table = yield_curves(PLANT, spec=SPEC, figures=figures, samples=2)[
+        "circuit.bandwidth_margin"
+    ].run(workers=0)
+    slow, fast = table.by("circuit.bandwidth_margin").values()
     assert slow.outcomes == {"settled point repels": 2}
     assert np.isinf(slow["slowest_mode_seconds"]).all()
     assert (slow.yield_of().passed, fast.yield_of().passed) == (0, 2)
 
 
 def test_the_slowest_mode_is_that_of_the_emulated_board():
-    fixed = {"circuit.margin": (10.0,)}
+    fixed = {"circuit.bandwidth_margin": (10.0,)}
     exact = {name: 0.0 for name in BOARD if name.startswith("tolerance.")}
     exact["tolerance.resistor"] = 1e-12  # none at all stands for what is typical
     study = yield_curves(PLANT, spec=SPEC, figures=fixed, board={**BOARD, **exact}, samples=1)
-    (found,) = study["circuit.margin"].run(workers=0)["slowest_mode_seconds"]
+    (found,) = study["circuit.bandwidth_margin"].run(workers=0)["slowest_mode_seconds"]
     network = ann_dc.design(
         ann_dc.plants.get(PLANT)(), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
     ).network

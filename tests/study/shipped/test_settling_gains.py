@@ -36,7 +36,7 @@ def test_all_time_constants_together_change_nothing_in_fastest_ones():
     ).network
     (study,) = settling_against_gains(network, factors=[0.25, 1.0, 4.0], gains=["tau"]).values()
     table = study.run(workers=0)
-    times, told = table["normalised_settling_time"], table["settling_by_spectrum"]
+    times, reported = table["normalised_settling_time"], table["settling_by_spectrum"]
     np.testing.assert_allclose(times, times[1], rtol=1e-3)
-    np.testing.assert_allclose(told, told[1], rtol=1e-6)
+    np.testing.assert_allclose(reported, reported[1], rtol=1e-6)
     assert boundaries(table, "tau") == ()

@@ -78,7 +78,7 @@ def _clamps(
     built = [
         (name, kind, offset, volts)
         for name, kind, offset, volts in zip(
-            ("lo", "hi"), CLAMPS, CLAMP_OFFSETS, values.circuit.rails(part)
+            ("lo", "hi"), CLAMPS, CLAMP_OFFSETS, values.circuit.limits(part)
         )
         if np.isfinite(volts)
     ]

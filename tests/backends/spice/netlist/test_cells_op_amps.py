@@ -75,8 +75,8 @@ def test_a_seed_decides_the_numbers_and_nothing_else():
 
 
 @cache
-def grid(name: str, horizon: int | None, margin: float = 60.0):
-    backend = SpiceBackend(level=macro(), margin=margin, node_lag=2e-3)
+def grid(name: str, horizon: int | None, bandwidth_margin: float = 60.0):
+    backend = SpiceBackend(level=macro(), bandwidth_margin=bandwidth_margin, node_lag=2e-3)
     return backend, *backend.prepare(
         with_preconditioner(name, PreconditionerKind.RESISTIVE_GRID, horizon)
     )
@@ -119,7 +119,7 @@ def test_a_resistor_between_two_nodes_is_the_same_seen_from_either():
 @needs_ngspice
 def test_ngspice_agrees_with_the_emulation():
     backend, circuit, probe = grid("car", 5)
-    told = predict(circuit, backend.level, probe)
+    reported = predict(circuit, backend.level, probe)
     run = simulate(backend, circuit, probe)
-    assert run.control_error == pytest.approx(told.control_error, rel=0.05)
-    assert run.settling_time() == pytest.approx(told.settling_time, rel=0.02)
+    assert run.control_error == pytest.approx(reported.control_error, rel=0.05)
+    assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.02)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ann_dc.backends.lanes.group import Samples
+from ann_dc.backends.batched.group import Samples
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.plan import Plan
 from ann_dc.evaluation.domains import DomainGuard

@@ -24,7 +24,7 @@ class StepLengths(NamedTuple):
     progress: float  # fraction of the lowest energy below which a window must get
     least: float  # shortest step relative to the longest
     turn: float
-    """Sum of sin(angle / 2) between successive moves in which an oscillation has its peak."""
+    """Sum of sin(angle / 2) between successive derivatives in which an oscillation has its peak."""
 
     @classmethod
     def always(cls, step: float) -> StepLengths:
@@ -63,16 +63,16 @@ class StepState(NamedTuple):
     age: Any  # number of steps into the window
     mark: Any  # lowest energy at the beginning of the window
     window: Any  # length of the window
-    turned: Any  # turn of the moves since the last full turn: the sum of `turn_of`
+    turned: Any  # turn of the derivatives since the last full turn: the sum of `turn_of`
     peak: Any  # highest energy since the last full turn
     floor: Any  # lowest of these peaks since the last cut
 
 
 def turn_of(library: Any, along: Any, energies: Any) -> Any:
-    """Return sin(angle / 2) between two moves: 1 if opposite, 0 if unknown.
+    """Return sin(angle / 2) between two derivatives: 1 if opposite, 0 if unknown.
 
-    ``along`` is sum d m, of the drives at a step and the moves of the step before. ``energies`` is
-    the product of the energies at both.
+    ``along`` is sum d m, of the drives at a step and the derivatives of the step before.
+    ``energies`` is the product of the energies at both.
 
     Examples
     --------

@@ -12,8 +12,8 @@ from problems import SUITE
 from recurrent_runs import RECURRENT, assert_same_end, ode, wire
 
 from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.batched.step_control import StepLengths, StepState, next_step
 from ann_dc.backends.integration.integrator import DIVERGED, SETTLED
-from ann_dc.backends.lanes.step_control import StepLengths, StepState, next_step
 from ann_dc.backends.layers.fixed_order import LIBRARY
 from ann_dc.backends.layers.recurrent_layer import RecurrentLayer
 from ann_dc.backends.recurrent.backend import RecurrentBackend

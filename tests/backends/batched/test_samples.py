@@ -16,7 +16,7 @@ from ann_dc.backends.step_rules import ORDERS
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
 from ann_dc.hardware.nonidealities.numbers import detuned, leak, mismatch, offset
-from ann_dc.hardware.nonidealities.parts import extra_pole, rails, slew
+from ann_dc.hardware.nonidealities.parts import extra_pole, saturation, slew
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -31,7 +31,7 @@ def drawn(network: Network, count: int, size: float = 0.02) -> list[Network]:
 def spoiled(name: str) -> Network:
     """With parts that the design did not have: leaks, offsets, poles, clipped drives, rails."""
     network = offset(leak(wired_with(name, PreconditionerKind.DIAGONAL), 1e3), 1e-3, seed=4)
-    return rails(slew(extra_pole(network, 50.0), 20.0), 50.0)
+    return saturation(slew(extra_pole(network, 50.0), 20.0), 50.0)
 
 
 def shared() -> Network:

@@ -10,16 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.integration.between import ROUNDS
-from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.backends.lanes.group import (
+from ann_dc.backends.batched.group import (
     NOBODY,
     Group,
     evaluate,
     load,
     read_residuals,
 )
-from ann_dc.backends.lanes.memory import STEP
+from ann_dc.backends.batched.memory import STEP
+from ann_dc.backends.integration.between import ROUNDS
+from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.formulas import inlined, released
 
@@ -114,7 +114,7 @@ def _take(group, again, tolerance):
 
 
 @inlined
-def _look(group, again):
+def _check(group, again):
     """Evaluate the residuals of the states inside the steps."""
     powers, theta, row = again.powers, again.theta, again.starts.shape[0] - 2
     for i in range(powers.shape[0]):
@@ -141,7 +141,7 @@ def _cross(group, again, tolerance):
                 is_over = False
         if is_over:
             return
-        _look(group, again)
+        _check(group, again)
         for lane in range(is_open.shape[0]):
             if is_open[lane]:
                 log = _above(group, lane, tolerance)

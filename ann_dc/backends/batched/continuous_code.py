@@ -9,6 +9,8 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
+from ann_dc.backends.batched.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
+from ann_dc.backends.batched.vectors import Vector
 from ann_dc.backends.integration.integrator import (
     FINEST,
     LEAST,
@@ -18,8 +20,6 @@ from ann_dc.backends.integration.integrator import (
     SHRINK,
 )
 from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
-from ann_dc.backends.lanes.vectors import Vector
 from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module

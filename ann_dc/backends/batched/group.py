@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.integration.integrator import RUNNING, SETTLED
-from ann_dc.backends.lanes.memory import (
+from ann_dc.backends.batched.memory import (
     BEST,
     BEST_BEFORE,
     CONSTRAINT,
@@ -25,6 +24,7 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     TURN,
 )
+from ann_dc.backends.integration.integrator import RUNNING, SETTLED
 from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.lanes import Entry, Lanes
 from ann_dc.evaluation.codegen.memory import lined_up
@@ -112,7 +112,7 @@ class Group(NamedTuple):
     x: np.ndarray  # states of all lanes, with ghosts
     ahead: np.ndarray  # trial states
     slopes: np.ndarray  # slopes (S + 1, ...)
-    memory: np.ndarray  # memory (rows, W): see `backends.lanes.memory`
+    memory: np.ndarray  # memory (rows, W): see `backends.batched.memory`
     who: np.ndarray  # sample number (W,) of each lane, or `NOBODY`
     stride: np.ndarray  # stride (W,) of the curve
     padded: int  # size of all states in whole blocks

@@ -6,18 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.integration.integrator import (
-    DIVERGED,
-    LEFT_DOMAIN,
-    RUNNING,
-    SETTLED,
-    STALLED,
-    TIME_UP,
-    TOO_SHORT,
-)
-from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.backends.lanes.continuous_code import BEFORE, NUMBERS, WORST, continuous_code
-from ann_dc.backends.lanes.group import (
+from ann_dc.backends.batched.continuous_code import BEFORE, NUMBERS, WORST, continuous_code
+from ann_dc.backends.batched.group import (
     NOBODY,
     Ends,
     Group,
@@ -29,7 +19,7 @@ from ann_dc.backends.lanes.group import (
     makes_no_headway,
     read_residuals,
 )
-from ann_dc.backends.lanes.memory import (
+from ann_dc.backends.batched.memory import (
     BEST,
     CONSTRAINT,
     DONE,
@@ -40,6 +30,16 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     TURN,
 )
+from ann_dc.backends.integration.integrator import (
+    DIVERGED,
+    LEFT_DOMAIN,
+    RUNNING,
+    SETTLED,
+    STALLED,
+    TIME_UP,
+    TOO_SHORT,
+)
+from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.formulas import inlined, released
@@ -128,7 +128,7 @@ def _fill(group, samples, found, integration, queue):
 
 
 @inlined
-def _look(group, found, integration, bits):
+def _check(group, found, integration, bits):
     """Check the lanes reported by an attempt; return True if any is done."""
     width, over = group.who.shape[0], False
     for lane in range(width):
@@ -171,5 +171,5 @@ def advance_lanes(group, integration, samples, found, queue, attempts):
             has_room = waiting == width
         bits = call(integration.attempt, places, sizes)
         if is_drawn or bits & every:
-            has_room = _look(group, found, integration, bits)
+            has_room = _check(group, found, integration, bits)
     return False

@@ -6,9 +6,9 @@ import math
 from functools import cache
 from pathlib import Path
 
-from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
-from ann_dc.backends.lanes.step_control import StepLengths, StepState, next_step, turn_of
-from ann_dc.backends.lanes.vectors import Vector
+from ann_dc.backends.batched.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
+from ann_dc.backends.batched.step_control import StepLengths, StepState, next_step, turn_of
+from ann_dc.backends.batched.vectors import Vector
 from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module
@@ -29,10 +29,10 @@ def recurrence_code(lanes: int) -> dict[str, int]:
     ``look(memory, found, numbers; due, outside)`` enters the residuals of the due lanes and returns
     those that need a check, as bits.
 
-    ``go_on(x, drives, moves, before, memory, numbers; n, outside)`` computes ``x += h m`` with the
-    step of every lane. It then sets ``h`` of the next step from the energy sqrt(sum \|d m\|) and
-    the angle to the moves before, which are replaced: see `next_step`. ``lanes`` is the vector
-    width.
+    ``go_on(x, drives, derivatives, before, memory, numbers; n, outside)`` computes ``x += h m``
+    with the step of every lane. It then sets ``h`` of the next step from the energy
+    sqrt(sum \|d m\|) and the angle to the derivatives before, which are replaced: see `next_step`. ``lanes`` is the
+    vector width.
     """
     key = key_of(("recurrence", lanes), Path(__file__).parent)
     return code(key, lambda: _text(lanes), ("look", "go_on"))
@@ -40,12 +40,12 @@ def recurrence_code(lanes: int) -> dict[str, int]:
 
 def _text(lanes: int) -> str:
     module = Module()
-    _look(module, lanes)
+    _check(module, lanes)
     _go_on(module, lanes)
     return module.text()
 
 
-def _look(module: Module, lanes: int) -> None:
+def _check(module: Module, lanes: int) -> None:
     names = "memory", "found", "numbers", "due", "outside"
     f = Function(module, "look", names, width=lanes, numbers=names[-2:])
     memory, numbers = Memory(f), numbers_of(f, NUMBERS)
@@ -58,7 +58,7 @@ def _look(module: Module, lanes: int) -> None:
 
 
 def _go_on(module: Module, lanes: int) -> None:
-    names = "x", "drives", "moves", "before", "memory", "numbers", "n", "outside"
+    names = "x", "drives", "derivatives", "before", "memory", "numbers", "n", "outside"
     f = Function(module, "go_on", names, width=lanes, numbers=names[-2:])
     memory, numbers = Memory(f), numbers_of(f, NUMBERS)
     library, step = memory.library, memory[STEP]
@@ -79,7 +79,7 @@ def _go_on(module: Module, lanes: int) -> None:
 
 
 def _moved(f: Function, step: Vector, count: int) -> tuple[Vector, Vector]:
-    r"""Take the step and return sum \|d m\| and sum d m of the moves before, per lane.
+    r"""Take the step and return sum \|d m\| and sum d m of the derivatives before, per lane.
 
     ``count`` is the number of vectors in a block; loops take two blocks at a time.
     """
@@ -99,11 +99,11 @@ def _some_steps(f: Function, step: str, first: str, sums: list[tuple[str, str]])
     """Step as many vectors as pairs of sums, since independent sums wait less."""
     for i, (total, along) in enumerate(sums):
         at = f.integer("add", first, i * f.width)
-        drive, move = f.load(f.address("%drives", at)), f.load(f.address("%moves", at))
+        drive, derivative = f.load(f.address("%drives", at)), f.load(f.address("%derivatives", at))
         x = f.address("%x", at)
-        f.store(f.fma(step, move, f.load(x)), x)
-        power = f.call("fabs", f.op("fmul", drive, move))
+        f.store(f.fma(step, derivative, f.load(x)), x)
+        power = f.call("fabs", f.op("fmul", drive, derivative))
         f.store(f.op("fadd", f.load(total), power), total)
         before = f.address("%before", at)
         f.store(f.fma(drive, f.load(before), f.load(along)), along)
-        f.store(move, before)
+        f.store(derivative, before)

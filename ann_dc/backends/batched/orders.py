@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.lanes.group import evaluate
-from ann_dc.backends.lanes.memory import STEP
+from ann_dc.backends.batched.group import evaluate
+from ann_dc.backends.batched.memory import STEP
 from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.memory import lined_up
@@ -74,11 +74,11 @@ def clip_to_limits(group, scratch, x):
 
 
 @inlined
-def _step_to(group, scratch, move, target):
-    """Write ``target = x + h move`` within the saturation limits."""
+def _step_to(group, scratch, derivative, target):
+    """Write ``target = x + h derivative`` within the saturation limits."""
     first = 8 * group.entry.ghost
     ends = (target.ctypes.data + first, group.x.ctypes.data + first)
-    terms = (move.ctypes.data, scratch.one.ctypes.data, scratch.none.ctypes.data)
+    terms = (derivative.ctypes.data, scratch.one.ctypes.data, scratch.none.ctypes.data)
     call(group.combine, (*ends, *terms, group.memory[STEP].ctypes.data), (1, group.padded))
     clip_to_limits(group, scratch, target)
 
@@ -96,13 +96,13 @@ def _rows(scratch, source, target, width):
 @inlined
 def _two_phase(group, scratch):
     """Update primal neurons first, then dual neurons from the updated primal state."""
-    width, move, second = group.who.shape[0], group.slopes[0], group.slopes[1]
+    width, derivative, second = group.who.shape[0], group.slopes[0], group.slopes[1]
     for i in range(second.shape[0]):
         second[i] = 0.0
-    _rows(scratch, second, move, width)
-    _step_to(group, scratch, move, group.ahead)
+    _rows(scratch, second, derivative, width)
+    _step_to(group, scratch, derivative, group.ahead)
     evaluate(group, group.entry.cell, group.ahead, 1)
-    _rows(scratch, second, move, width)
+    _rows(scratch, second, derivative, width)
 
 
 @inlined
@@ -115,7 +115,7 @@ def _rate(group, stage, row, lane):
 def _stage_by_stage(group, scratch):
     """Update the stages in turn from the values written before; preconditioner at the end."""
     width, (stages, neurons) = group.who.shape[0], scratch.cells
-    move, table, ghost = group.slopes[0], group.entry.table, group.entry.ghost
+    derivative, table, ghost = group.slopes[0], group.entry.table, group.entry.ghost
     seen = group.slopes[1]
     copy(group.x, group.ahead)
     for k in range(stages):
@@ -134,10 +134,12 @@ def _stage_by_stage(group, scratch):
             at = (k * neurons + p) * width
             for lane in range(width):
                 scratch.drives[at + lane] = seen[at + lane]
-                move[at + lane] = seen[at + lane] * _rate(group, k, p, lane)
-    addresses = (table.ctypes.data, move.ctypes.data)
+                derivative[at + lane] = seen[at + lane] * _rate(group, k, p, lane)
+    addresses = (table.ctypes.data, derivative.ctypes.data)
     call(group.entry.preconditioner, addresses, ())
-    call(group.entry.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())
+    call(
+        group.entry.projection, (table.ctypes.data, group.x.ctypes.data, derivative.ctypes.data), ()
+    )
 
 
 @inlined

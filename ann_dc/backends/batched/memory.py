@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from ann_dc.backends.lanes.vectors import Vector, VectorLibrary
+from ann_dc.backends.batched.vectors import Vector, VectorLibrary
 from ann_dc.evaluation.codegen.writer import Function
 
 (RUNS, STEP, TIME, DONE, CONSTRAINT, STATIONARITY, SINCE, SINCE_TIME, LARGEST, TURN, BEST,

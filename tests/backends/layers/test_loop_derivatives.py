@@ -10,7 +10,7 @@ from designs import coordinated, designed, near_start, small, wired_with
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.layers.cell_layer import CellLayer
-from ann_dc.backends.layers.loop import move_of
+from ann_dc.backends.layers.loop import derivative_of
 from ann_dc.backends.layers.tape import TorchTape
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
@@ -45,8 +45,10 @@ def moved(order: Order, network: Network, x: np.ndarray, step: float) -> np.ndar
     layer = CellLayer(network)
     flow = layer.flow()
     state = layer.fill(torch.as_tensor(x), flow.inputs)
-    _, move = move_of(order, flow, state, torch.full((len(x),), step, dtype=torch.float64))
-    return layer.pack(move).numpy()
+    _, derivative = derivative_of(
+        order, flow, state, torch.full((len(x),), step, dtype=torch.float64)
+    )
+    return layer.pack(derivative).numpy()
 
 
 def recurrence(order: Order, network: Network, x: np.ndarray, step: float, steps: int):
@@ -201,8 +203,8 @@ def test_a_sweep_ends_at_the_rails():
         ),
     )
     network = Network(cell=cell, stages=2, inputs={"push": 10.0}, start={"x": 0.0})
-    move = moved(STAGE_BY_STAGE, network, network.start_state[None], 0.5)
-    np.testing.assert_allclose(move, [[10.0, 0.5]])
+    derivative = moved(STAGE_BY_STAGE, network, network.start_state[None], 0.5)
+    np.testing.assert_allclose(derivative, [[10.0, 0.5]])
 
 
 # ---- all of them -------------------------------------------------------------------------------
@@ -219,8 +221,10 @@ def settled():
 @pytest.mark.parametrize("order", ORDERS.values(), ids=repr)
 def test_nothing_moves_where_the_network_settled(order, name, settled):
     network, x = designed(name).network, settled[name]
-    move = moved(order, network, x[None], 0.3)
-    assert np.abs(move).max() < 1e-8 * np.abs(evaluator(network).rhs(network.start_state)).max()
+    derivative = moved(order, network, x[None], 0.3)
+    assert (
+        np.abs(derivative).max() < 1e-8 * np.abs(evaluator(network).rhs(network.start_state)).max()
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -251,9 +255,9 @@ def test_samples_have_steps_of_their_own(order):
     layer = CellLayer(network)
     flow = layer.flow()
     state = layer.fill(torch.as_tensor(x), flow.inputs)
-    _, move = move_of(order, flow, state, torch.as_tensor(steps, dtype=torch.float64))
+    _, derivative = derivative_of(order, flow, state, torch.as_tensor(steps, dtype=torch.float64))
     alone = [moved(order, network, x[[i]], step)[0] for i, step in enumerate(steps)]
-    assert_close(layer.pack(move), alone)
+    assert_close(layer.pack(derivative), alone)
 
 
 # ---- rails of coupled neurons ------------------------------------------------------------------
