@@ -31,8 +31,8 @@ def recurrence_code(lanes: int) -> dict[str, int]:
 
     ``go_on(x, drives, derivatives, before, memory, numbers; n, outside)`` computes ``x += h m``
     with the step of every lane. It then sets ``h`` of the next step from the energy
-    sqrt(sum \|d m\|) and the angle to the derivatives before, which are replaced: see `next_step`. ``lanes`` is the
-    vector width.
+    sqrt(sum \|d m\|) and the angle to the derivatives before, which are replaced: see
+    `next_step`. ``lanes`` is the vector width.
     """
     key = key_of(("recurrence", lanes), Path(__file__).parent)
     return code(key, lambda: _text(lanes), ("look", "go_on"))
