@@ -219,6 +219,11 @@ class BatchRun:
             )
         return self.curves.trajectory(sample, self.network_of(sample))
 
+    def completed(self) -> BatchRun:
+        """Return the batch as one of a given duration, which its samples had to complete."""
+        outcomes = (Outcome.COMPLETED if o is Outcome.NOT_SETTLED else o for o in self.outcomes)
+        return replace(self, outcomes=tuple(outcomes))
+
     def with_between(self, between: Callable[..., Between]) -> BatchRun:
         """Return the batch with states known at every time; see `Trajectory.at`.
 
@@ -242,12 +247,15 @@ class BatchRun:
         return f"{what}, KKT residual {self.residuals[sample].max():.1e}"
 
     def __str__(self) -> str:
-        settled = self.settled
-        lines = [f"{settled.sum()} of {counted(len(self), 'samples')} settled"]
+        settled, count = self.settled, counted(len(self), "samples")
+        completed = np.array([outcome is Outcome.COMPLETED for outcome in self.outcomes])
+        lines = [f"{settled.sum()} of {count} settled"]
         if settled.any():
             steps = self.settling_steps[settled]
             lines[0] += f", in {int(np.median(steps))} steps (median), at most {steps.max()}"
-        lost = np.flatnonzero(~settled)
+        if completed.any():
+            lines[0] += f", {completed.sum()} ran for the duration given"
+        lost = np.flatnonzero(~(settled | completed))
         lines += [f"  {self.message(sample)}" for sample in lost[:10]]
         lines += [f"  and {len(lost) - 10} more"] if len(lost) > 10 else []
         return "\n".join(lines)

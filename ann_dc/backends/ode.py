@@ -47,7 +47,10 @@ from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.progress import Paced, Progress, Stopped, silent
-from ann_dc.validation import Count, Index, Positive, checked
+from ann_dc.validation import Count, Index, Positive, PositiveFinite, checked
+
+ENDLESS = 2**53
+"""Number of steps that no run takes."""
 
 CRAWL = 1000
 """Number of steps that together must cover at least one fastest time constant (of the start)."""
@@ -69,6 +72,10 @@ class OdeBackend:
         to rounding. By default code is generated if the wiring allows it.
     settling : Settling
         Definition of a settled run.
+    duration : float or None, default None
+        Network time of every run. A run of a given duration ends exactly then, whether or not the
+        network settles, so that oscillators and chaos can run as well; ``limit`` and ``most_steps``
+        have no effect. With None, a run ends when the network settles.
     limit : float, default 20,000
         Longest run, in fastest time constants of the network at its start.
     most_steps : int, default 50,000
@@ -93,11 +100,18 @@ class OdeBackend:
     True
     >>> 0 < run.settling_time < run.status.time  # it went on, to be sure of the last exit
     True
+
+    A run of a given duration has no condition but time:
+
+    >>> run = ann_dc.OdeBackend(duration=30.0).run(network)
+    >>> run.trajectory.time[-1], run.status.outcome.name
+    (30.0, 'COMPLETED')
     """
 
     method: Method = COMPILED
     cells: Cells = Cells.WHERE_POSSIBLE
     settling: Settling = field(default_factory=Settling)
+    duration: PositiveFinite | None = None
     limit: Positive = 20_000.0
     most_steps: Count = 50_000
     verify: bool = True
@@ -113,6 +127,8 @@ class OdeBackend:
     @checked
     def run(self, network: Network) -> Run:
         """Integrate from the start until the network settles, diverges or time is up.
+
+        With a ``duration``, the run lasts exactly that long, unless the network diverges.
 
         Returns
         -------
@@ -176,8 +192,11 @@ class OdeBackend:
             )
         rows, ends = method.rows, ends_of(self.settling, self.most_steps)
         fastest = Beginning.of(network, fast_evaluator(network)).fastest
+        if self.duration is not None:
+            ends = ends._replace(settled=0.0, most_steps=ENDLESS, window=ENDLESS)
         steps = {
-            "until": self.limit * fastest,
+            "until": self.duration or self.limit * fastest,
+            "confirmed": self.settling.confirmed,
             "first": FIRST_STEP * fastest,
             "rtol": method.rtol,
             "atol": method.atol,
@@ -195,6 +214,8 @@ class OdeBackend:
 
         settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}
         batch = run_lanes(network, inputs, x, begin, numbers=numbers, **settings)
+        if self.duration is not None:
+            batch = batch.completed()
         return batch.with_between(partial(CompiledAgain, method=method))
 
     @checked
@@ -216,6 +237,8 @@ class OdeBackend:
             Result of the run. ``verified`` contains the outcome of the run at tighter tolerances.
         """
         run = _Integration(network, self, self.method, rhs).run()
+        if run.status.outcome is Outcome.COMPLETED:
+            return replace(run, verified="its residual is not below tolerance at the end")
         if not run.status.settled or not self.verify:
             return run
         tight = _Integration(network, self, self.method.tighter(), rhs).run()
@@ -263,8 +286,8 @@ class _Integration:
     def _ends(self, method: Method) -> Ends:
         settling = self.backend.settling
         return Ends(
-            until=self.backend.limit * self.fastest,
-            settled=settling.confirmed,
+            until=self.backend.duration or self.backend.limit * self.fastest,
+            settled=settling.confirmed if self.backend.duration is None else 0.0,
             largest=self.largest,
             rtol=method.rtol,
             atol=method.atol,
@@ -291,15 +314,16 @@ class _Integration:
 
     def _piece(self) -> Status | None:
         """Take more steps, up to the next headway check."""
-        recorder, settling = self.recorder, self.backend.settling
-        due = (CRAWL, window_of(self.backend.most_steps))
-        left = min(every - recorder.steps % every for every in due)
-        most = min(left, self.backend.most_steps - recorder.steps)
+        recorder, most_steps = self.recorder, self.backend.most_steps
+        most = min(every - recorder.steps % every for every in (CRAWL, window_of(most_steps)))
+        if self.backend.duration is None:
+            most = min(most, most_steps - recorder.steps)
         recorder.record_all(*self.stepper.steps(most))
-        worst = max(recorder.residuals[-1])
-        if worst < settling.confirmed:
-            return status.settled(worst, self.stepper.time)
-        return self._failure(self.stepper.state, self.stepper.time)
+        stepper, worst = self.stepper, max(recorder.residuals[-1])
+        is_over = self.backend.duration is None or stepper.at_end
+        if is_over and worst < self.backend.settling.confirmed:
+            return status.settled(worst, stepper.time)
+        return self._failure(stepper.state, stepper.time)
 
     def _failure(self, x: np.ndarray, now: float) -> Status | None:
         failed = self.stepper.failed
@@ -309,7 +333,9 @@ class _Integration:
         block, stage = self.compiled.outside(x if beyond is None else beyond, self.guard)
         if block >= 0:
             return status.left_domain(self.network, block, stage, now)
-        if why := self._time_is_up(x, now):
+        if self.backend.duration is not None:
+            return self._reported(status.completed) if self.stepper.at_end else None
+        if why := self._time_is_up():
             return self._reported(status.not_settled, why)
         return (how := self._no_headway(now)) and self._reported(status.stalled, *how)
 
@@ -333,17 +359,10 @@ class _Integration:
         states, least = recorder.last_states(window), float(np.nanmin(worst[window:]))
         return status.no_headway(self.network, states, window, least, self.method)
 
-    def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
-        """Return the bound that ended the run, if any.
-
-        The fastest rate at the start may differ from that at the equilibrium.
-        """
+    def _time_is_up(self) -> str | None:
+        """Return the bound that ended the run, if any."""
         if self.recorder.steps >= self.backend.most_steps:
             return f"{self.recorder.steps} integration steps were done (most_steps)"
         if not self.stepper.at_end:
-            return None
-        end = self.backend.limit / self.compiled.fastest_rate(x)
-        if end > now * (1 + 1e-9):
-            self.stepper.go_on(end)
             return None
         return f"{self.backend.limit:g} fastest time constants had passed (limit)"

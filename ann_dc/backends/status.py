@@ -41,6 +41,7 @@ class Outcome(enum.Enum):
     """Outcome of a run; the value is the sentence shown to the user."""
 
     SETTLED = "settled: the KKT residual stays below tolerance"
+    COMPLETED = "ran for the duration given"
     NOT_SETTLED = "not settled within the time given"
     DIVERGED = "diverged"
     LEFT_DOMAIN = "left the domain of a function block"
@@ -98,6 +99,19 @@ def settled(residual: float, now: float) -> Status:
     """
     message = f"settled after {now:.4g} unit time constants: KKT residual {residual:.1e}"
     return Status(outcome=Outcome.SETTLED, message=message, neuron=None, time=now)
+
+
+def completed(residuals: tuple[float, float], now: float) -> Status:
+    """Return the status of a run of a given duration that is not settled at its end.
+
+    Examples
+    --------
+    >>> str(completed((0.0, 0.3), 25.0))
+    'ran for 25 unit time constants, the duration given: KKT residual 3.0e-01'
+    """
+    message = f"ran for {now:.6g} unit time constants, the duration given: KKT residual"
+    message = f"{message} {max(residuals):.1e}"
+    return Status(outcome=Outcome.COMPLETED, message=message, neuron=None, time=now)
 
 
 def diverged(network: Network, x: np.ndarray, now: float, note: str | None = None) -> Status:

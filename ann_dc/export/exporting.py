@@ -34,7 +34,7 @@ from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.files import Lock, as_output_error, make_folder, write_whole
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
-from ann_dc.validation import checked
+from ann_dc.validation import PositiveFinite, checked
 
 LOCK = ".lock"
 """File in a folder that marks a writer while it is active."""
@@ -61,6 +61,7 @@ def export_network(
     to: str | Sequence[str],
     out: str | os.PathLike[str],
     *,
+    duration: PositiveFinite | None = None,
     progress: Progress = silent,
     **settings: Any,
 ) -> list[Exported]:
@@ -76,6 +77,9 @@ def export_network(
         Names of formats; "all" denotes every format that can represent the network.
     out : path-like
         Output folder; the files of a format are written to a subfolder with the format's name.
+    duration : float, optional
+        Network time of the runs by which circuits and integers are scaled, for a network that does
+        not settle; by default they last until it settles.
     progress : Progress
         Receiver of progress messages. Silent by default.
     **settings
@@ -112,8 +116,8 @@ def export_network(
     for name in settings:
         _form_with(name, names)
     place = make_folder(out)
-    progress("walking to the settled point")
-    vector = reference_vector(network)
+    progress("walking to the settled point" if duration is None else "first steps")
+    vector = reference_vector(network, duration=duration)
     done = []
     for name in names:
         progress(f"writing {name} ({len(done) + 1} of {len(names)})")

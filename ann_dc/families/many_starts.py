@@ -48,6 +48,7 @@ TOLERANCE = 1e-10
 """KKT residual of a separate run, in network units."""
 NAMES = {
     Outcome.SETTLED: "settled, but not certified",
+    Outcome.COMPLETED: "not settled at the end of the duration given",
     Outcome.NOT_SETTLED: "not settled within the steps given",
     Outcome.DIVERGED: "diverged",
     Outcome.LEFT_DOMAIN: "left the domain of a function",

@@ -1,6 +1,8 @@
 from .cell import (
+    ONE as ONE,
     Cell as Cell,
     Connection as Connection,
+    Function as Function,
     Limiter as Limiter,
     Neuron as Neuron,
     Product as Product,

@@ -118,6 +118,8 @@ class CircuitSample(Sample):
         """End of the simulation."""
         trajectory, unsettled = self.run.trajectory, self.run.unsettled
         outcome = Outcome.NOT_SETTLED if unsettled else Outcome.SETTLED
+        if unsettled and "run.duration" in self.setting:
+            outcome, unsettled = Outcome.COMPLETED, Outcome.COMPLETED.value
         controls = trajectory.control_values[-1]
         return End(word_of(outcome), unsettled, trajectory.final, controls)
 

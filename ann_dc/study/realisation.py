@@ -273,6 +273,7 @@ class Realisation:
         Raises `NetworkError` if the network does not settle or the level cannot realise it.
         """
         parts = chosen(setting, "problem", "design", "gains", "input", "circuit", "tolerance")
+        parts |= {name: setting[name] for name in ("run.duration",) if name in setting}
         return self._cached("circuit", parts, lambda: self._build(setting))
 
     def _build(self, setting: Mapping[str, Value]) -> Built:
@@ -280,7 +281,8 @@ class Realisation:
         network = self.nominal(setting)
         level = clamped_full_scale(network, level_of(circuit, behind(setting, "tolerance")))
         series = SERIES[str(circuit.get("series", "exact"))]
-        backend = SpiceBackend(level=level, series=series, require_stable=False)
+        duration = setting.get("run.duration")
+        backend = SpiceBackend(level=level, series=series, require_stable=False, duration=duration)
         if "bandwidth_margin" in circuit:
             backend = replace(backend, bandwidth_margin=float(circuit["bandwidth_margin"]))
         built, probe = backend.prepare(network)

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ann_dc.backends.integration.methods import METHODS
 from ann_dc.backends.step_rules import ORDERS
 from ann_dc.dataclass_pickling import Record
 from ann_dc.decomposition.form import SWITCHES
@@ -185,7 +186,17 @@ STARTS = ("line", "zero", "random")
 BACKENDS = ("ode", "recurrent", "emulation", "spice")
 CIRCUITS = ("emulation", "spice")
 """Backends that run circuits."""
-OF_NETWORKS = ("nonideal.", "start.", "run.order", "run.step", "run.tolerance", "run.limit")
+TIMED = ("ode", "spice")
+"""Backends whose runs can have a given duration."""
+OF_NETWORKS = (
+    "nonideal.",
+    "start.",
+    "run.method",
+    "run.order",
+    "run.step",
+    "run.tolerance",
+    "run.limit",
+)
 """Settings that circuits do not use."""
 NONIDEAL = {
     "mismatch": "relative error of every synapse weight, one standard deviation, drawn",
@@ -261,8 +272,8 @@ FAMILIES: dict[str, Family] = {
     ),
     "run": Family(
         Effect.RUN,
-        "backend, update order, step, tolerance, limit",
-        lambda _: ("backend", "order", "step", "tolerance", "limit"),
+        "backend, integration method, update order, step, tolerance, limit, duration",
+        lambda _: ("backend", "method", "order", "step", "tolerance", "limit", "duration"),
     ),
 }
 """Families by the first part of their names."""
@@ -273,6 +284,7 @@ WORDS: dict[str, Iterable[str]] = {
     "circuit.level": LEVELS,
     "circuit.series": SERIES,
     "run.backend": BACKENDS,
+    "run.method": METHODS,
     "run.order": ORDERS,
 }
 """Settings with named values, and the valid names."""
@@ -297,6 +309,7 @@ POSITIVE = (
     "circuit.bandwidth_margin",
     "run.step",
     "run.tolerance",
+    "run.duration",
     "nonideal.bits",
 )
 """Prefixes of settings with positive values."""
@@ -373,6 +386,13 @@ def check_together(field: str, names: Iterable[str], backends: Iterable[str]) ->
             )
         if name in ("run.order", "run.step") and "recurrent" not in met:
             raise StudyError(f"{field}: {name} means something with run.backend = 'recurrent' only")
+        if name == "run.method" and "ode" not in met:
+            raise StudyError(f"{field}: {name} means something with run.backend = 'ode' only")
+        if name == "run.duration" and not met & {*TIMED}:
+            raise StudyError(
+                f"{field}: {name} is a network time, which a run has with run.backend = "
+                f"{' or '.join(map(repr, TIMED))} only"
+            )
 
 
 def names_of(subject: Subject) -> tuple[str, ...]:

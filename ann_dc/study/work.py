@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 import ann_dc
-from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.ode import METHODS, OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import simulate
@@ -83,7 +83,8 @@ def _is_batched(point: Point) -> bool:
     setting = point.setting
     if backend_of(setting) in CIRCUITS:
         return False
-    return setting.get("design.form") != "S16"
+    method = METHODS[str(setting.get("run.method", "compiled"))]
+    return setting.get("design.form") != "S16" and method.rows is not None
 
 
 def tasks(points: Iterable[Point], finished: Set[int]) -> Iterator[Task]:
@@ -256,6 +257,10 @@ def _backend(setting: Mapping[str, Value]) -> OdeBackend | RecurrentBackend:
         if given.get("step", "adaptive") != "adaptive":
             options["step"] = FixedStep(step=given["step"])
         return RecurrentBackend(**options)
+    if "method" in given:
+        options["method"] = METHODS[given["method"]]
+    if "duration" in given:
+        options["duration"] = given["duration"]
     return OdeBackend(verify=False, threads=1, **options)
 
 

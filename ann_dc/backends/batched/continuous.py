@@ -50,6 +50,7 @@ class Integration(NamedTuple):
 
     ends: Ends  # end conditions of samples
     until: float  # limit on network time
+    confirmed: float  # residual that confirms settling at that limit
     first: float  # first trial step
     numbers: np.ndarray  # constants (n,) read by the code
     attempt: int  # address of the code
@@ -58,13 +59,14 @@ class Integration(NamedTuple):
     def of(cls, group: Group, rows: Rows, ends: Ends, steps: dict[str, float]) -> Integration:
         """Return the integration of a group by the rows of a method's tableau.
 
-        ``steps`` contains the limit on network time ``until``, the ``first`` step, ``rtol`` and
-        ``atol``.
+        ``steps`` contains the limit on network time ``until``, the ``first`` step, ``rtol``,
+        ``atol`` and the residual ``confirmed`` of a sample that is settled at the limit.
         """
         constants = {**ends._asdict(), **steps, "live": group.entry.live}
         return cls(
             ends=ends,
             until=steps["until"],
+            confirmed=steps["confirmed"],
             first=steps["first"],
             numbers=lined_up([float(constants[name]) for name in NUMBERS]),
             attempt=continuous_code(rows, len(group.who)),
@@ -80,6 +82,8 @@ def _code(group, integration, lane):
         return SETTLED
     if not (size < memory[LARGEST, lane] and worst < np.inf):
         return DIVERGED
+    if memory[TIME, lane] >= integration.until and worst < integration.confirmed:
+        return SETTLED
     if memory[TIME, lane] >= integration.until or memory[DONE, lane] >= ends.most_steps:
         return TIME_UP
     if memory[DONE, lane] >= memory[TURN, lane] and makes_no_headway(memory, ends, lane):

@@ -209,8 +209,9 @@ class _Attempt:
         exit.
         """
         f, memory, numbers = self.f, self.memory, self.numbers
-        began = memory[TIME]
-        time = memory.enter(TIME, accepted, began + h)
+        began, until = memory[TIME], numbers["until"]
+        ended = self.library.where(h.equals(until - began), until, began + h)
+        time = memory.enter(TIME, accepted, ended)
         memory.enter(DONE, accepted, memory[DONE] + 1.0)
         worst, size, falls = memory.note(accepted, numbers["tolerance"], began)
         memory.enter(WORST, accepted, worst)
@@ -224,7 +225,7 @@ class _Attempt:
 
         f.either(f.any_of(falls.name), keep, [])
         over = memory.is_over(accepted, worst, size, numbers["settled"], numbers["most_steps"])
-        return over | (accepted & (time >= numbers["until"])) | falls
+        return over | (accepted & (time >= until)) | falls
 
     def _too_short(self, accepted: Vector) -> Vector:
         """Return the lanes whose next step is too short."""

@@ -159,7 +159,8 @@ def _step(system, rows, course, ends):
     clock, inside = course.clock, True
     share = share_of_tolerance(clock[4], ends.rtol)
     while True:
-        h = min(clock[1], ends.until - clock[0])
+        left = ends.until - clock[0]
+        h = min(clock[1], left)
         if not h > SHORTEST * max(clock[0], clock[5]):
             return TOO_SHORT if inside else LEFT_DOMAIN
         inside, size = _tried(system, rows, course, h), np.inf
@@ -168,7 +169,7 @@ def _step(system, rows, course, ends):
             size = _error_size(first, second, h, system.live)
         clock[1] = next_step(h, size, rows.exponent, clock[2] > 0.0)
         if size < 1.0:
-            clock[0] += h
+            clock[0] = ends.until if h == left else clock[0] + h
             clock[2] = 0.0
             return RUNNING
         clock[2] = 1.0

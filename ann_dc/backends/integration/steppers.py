@@ -44,6 +44,8 @@ DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is passed to an implicit solver as a dense matrix."""
 LOGGED = 200_000
 """Number of state values that compiled code records per call."""
+ITERATIONS, CONVERGED = (20, 27), 1e-2
+"""Numbers of power iterations of the fastest rate, and the change by which they have converged."""
 FIRST_STEP = 0.05
 """First trial step in fastest time constants."""
 
@@ -62,8 +64,22 @@ class Beginning(NamedTuple):
         if network not in _starts:
             x = network.start_state
             guard, residuals = compiled.domain_guard(x), compiled.residuals(x)
-            _starts[network] = cls(x, guard, residuals, 1 / compiled.fastest_rate(x))
+            _starts[network] = cls(x, guard, residuals, 1 / _fastest_rate(compiled, x))
         return _starts[network]
+
+
+def _fastest_rate(compiled: FastEvaluator, x: np.ndarray) -> float:
+    """Return the spectral radius of d rhs / dx at a state (n,), in 1 / network time.
+
+    Power iterations do not converge if the fastest modes oscillate; the rate is then taken from
+    the eigenvalues of a network of up to `DENSE_JACOBIAN` neurons.
+    """
+    rate, later = (compiled.fastest_rate(x, count) for count in ITERATIONS)
+    if abs(later - rate) <= CONVERGED * rate or len(x) > DENSE_JACOBIAN:
+        return rate
+    derivative, drives = compiled.clamped(~compiled.free(x)), compiled.drive_jacobian(x).toarray()
+    flow = np.array([derivative(column) for column in np.ascontiguousarray(drives.T)])
+    return float(np.abs(np.linalg.eigvals(flow)).max()) or rate
 
 
 _starts: WeakKeyDictionary[Network, Beginning] = WeakKeyDictionary()
@@ -93,10 +109,6 @@ class Stepper(ABC):
     @abstractmethod
     def steps(self, most: int) -> Steps:
         """Take up to ``most`` more steps, at least one unless the stepper has failed."""
-
-    @abstractmethod
-    def go_on(self, until: float) -> None:
-        """Move the end of the integration to a later time."""
 
 
 @final
@@ -138,10 +150,6 @@ class CompiledStepper(Stepper):
         self.exit = float(self.course.clock[6])
         self.state = self.course.x[first : first + size][self._chosen]
         return log.times[:count], log.residuals[:count], log.states[:count][:, self._chosen]
-
-    def go_on(self, until: float) -> None:
-        """Move the end of the integration to a later time."""
-        self.ends, self.at_end = self.ends._replace(until=until), False
 
 
 @final
@@ -215,10 +223,6 @@ class SciPyStepper(Stepper):
         self._watch(began, max(residuals))
         self.at_end = self.solver.status == "finished"
         return np.array([self.time]), np.array([residuals]), np.array([self.state])
-
-    def go_on(self, until: float) -> None:
-        """Move the end of the integration to a later time."""
-        self.solver.t_bound, self.solver.status, self.at_end = until, "running", False
 
 
 def stepper_of(

@@ -8,6 +8,7 @@ every node, the simulation time, and the reference for the circuit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -27,7 +28,7 @@ from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.backends.spice.probe import probed, span_of
+from ann_dc.backends.spice.probe import fastest_rate, probed, settles, span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -49,6 +50,10 @@ from ann_dc.validation import Index, PositiveFinite, Range, checked
 
 NODE_LAG = 1e-3
 """Time constant of a grid's nodes, in the network's fastest time constants."""
+WAVEFORM_MARGIN = 100_000.0
+"""Bandwidth margin of a network that does not settle."""
+POINTS = 60.0
+"""Smallest number of steps of such a run in its fastest time constant."""
 Headroom: TypeAlias = Annotated[float, Range(words="a number, 1 or more", low=1.0)]
 
 
@@ -75,10 +80,15 @@ class SpiceBackend:
     bandwidth_margin : float, optional
         Bandwidth margin, the usable bandwidth of the parts over that of the network's fastest mode:
         k = 2 pi f T / radius. The default is `MARGIN`, or the margin that capacitances and poles of
-        the parts require.
+        the parts require; `WAVEFORM_MARGIN` for a network that does not settle, whose waveforms
+        are delayed by 1 / k of its time constants.
     intervals : mapping of node name to (low, high)
         Ranges that the probe run does not show, in the user's units; see `scale`, and
         `fitting_intervals` for Lagrange multipliers.
+    duration : float, optional
+        Network time of the run, also of the ideal network by which the circuit is scaled. The
+        network need not settle, so that oscillators become circuits; multiply by
+        ``circuit.scaling.time`` for seconds. By default the run lasts until the circuit settles.
     node_lag : float, default `NODE_LAG`
         Time constant (capacitance over conductance) of a grid's nodes, in the network's fastest
         time constants.
@@ -111,6 +121,7 @@ class SpiceBackend:
     headroom: Headroom = HEADROOM
     bandwidth_margin: PositiveFinite | None = None
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    duration: PositiveFinite | None = None
     node_lag: PositiveFinite = NODE_LAG
     require_stable: bool = True
     progress: Progress = silent
@@ -128,8 +139,9 @@ class SpiceBackend:
     def run(self, network: Network) -> CircuitRun:
         """Build a network as a circuit, simulate it, and read it back.
 
-        Raises `NetworkError` if the network does not settle in continuous time, or the pole model
-        oscillates. Raises `NgspiceMissing` or `SpiceError` if ngspice is not found, or fails.
+        Raises `NetworkError` if the network does not settle in continuous time and no ``duration``
+        is given, or the pole model oscillates. Raises `NgspiceMissing` or `SpiceError` if ngspice
+        is not found, or fails.
         """
         return simulate(self, *self.prepare(network))
 
@@ -155,12 +167,15 @@ class SpiceBackend:
             headroom=self.headroom,
             intervals=self.intervals,
         )
-        found = probed(network, rules, self.progress)
+        found = probed(network, rules, self.progress, self.duration)
+        if self.bandwidth_margin is None and not settles(found.trajectory):
+            found = replace(found, scaling=found.scaling.slower(WAVEFORM_MARGIN / MARGIN))
         sizing = Sizing(
             schematic=schematic_of(found.network, differential=level.technology.differential),
             scaling=found.scaling,
             level=level,
             x=found.trajectory.final,
+            settles=settles(found.trajectory),
             bandwidth_margin=self.bandwidth_margin,
             lag=self.node_lag / found.rate,
         )
@@ -183,19 +198,23 @@ class SpiceBackend:
 
     @checked
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
-        """Return the netlist of a circuit, for a run as long as its slowest pole requires.
+        """Return the netlist of a circuit, for the duration or until its slowest pole has decayed.
 
         ``deviations`` (N,) are the errors of parts by parameter name; empty for nominal parts.
         Raises `UnknownNameError` if one names no parameter, and `NetworkError` if the level's cells
         do not have such an error.
         """
-        span = span_of(circuit, self.level, probe)
+        span = span_of(circuit, self.level, probe, self.duration)
+        simulation = self.simulation or simulation_for(self.level)
+        if not settles(probe):
+            points = math.ceil(POINTS * span.duration * fastest_rate(probe))
+            simulation = replace(simulation, points=max(points, simulation.points))
         deck = deck_of(
             circuit,
             self.level,
             duration=span.duration,
             deviations=deviations,
-            simulation=self.simulation,
+            simulation=simulation,
             mismatch=self.seed,
         )
         return replace(deck, cut=span.cut)
@@ -256,7 +275,7 @@ def simulate(
     `SpiceError` if ngspice is not found or fails.
     """
     errors = backend.deviations(circuit) if deviations is None else deviations
-    if backend.require_stable and backend.level.emulated:
+    if backend.require_stable and backend.level.emulated and settles(probe):
         backend.check_stable(emulate(circuit, backend.level, errors), probe)
     return backend.measure(circuit, backend.deck(circuit, probe, errors), probe)
 

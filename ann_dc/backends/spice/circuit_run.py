@@ -12,6 +12,7 @@ settling time is its error estimate.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.probe import settles
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError, SpiceError, such_as
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
@@ -119,14 +121,18 @@ class CircuitRun(Tabulated):
     finer: Callable[[CircuitRun], CircuitRun] | None = None
 
     def __str__(self) -> str:
+        overloads = f"overload: {'; '.join(map(str, self.overloads[:3])) or 'none'}"
+        if not settles(self.probe):
+            seconds = 1e6 * float(self.trajectory.time[-1]) * self.deck.timing.unit
+            off = math.sqrt(self.mean_square_error)
+            return f"ran for {seconds:.4g} us, {off:.2e} (rms) off the ODE's waveforms; {overloads}"
         known = vars(self).get("timed", self)  # text does not start ngspice
         time = 1e6 * control_settling(known.trajectory, 1e-3) * self.deck.timing.unit
         about = "" if known.finer is None else " by coarse steps"
         when = f"controls within 0.1 % after {time:.4g} us{about}"
         return (
             f"{self.unsettled or when}, {self.control_error:.2e} of "
-            f"{self.probe.size_in_words} off the ODE's; "
-            f"overload: {'; '.join(map(str, self.overloads[:3])) or 'none'}"
+            f"{self.probe.size_in_words} off the ODE's; {overloads}"
         )
 
     @property

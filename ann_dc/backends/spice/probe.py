@@ -21,6 +21,7 @@ import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -40,6 +41,9 @@ from ann_dc.progress import Progress
 PROBE = OdeBackend(method=DOP853, verify=False)
 """Backend of the run by which a circuit is scaled and with which it is compared."""
 
+RATES = 64
+"""Number of states of a run of given duration at which its fastest rate is computed."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Probed:
@@ -54,33 +58,41 @@ class Probed:
     scaling: Scaling
 
 
-def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
-    """Run a network and scale its circuit.
+def settles(probe: Trajectory) -> bool:
+    """Return True if the ideal network is at rest at the end of its run."""
+    return bool(probe.kkt[-1] < PROBE.settling.tolerance)
+
+
+def probed(
+    network: Network, rules: ScalingRules, progress: Progress, duration: float | None = None
+) -> Probed:
+    """Run a network until it settles, or for a ``duration``, and scale its circuit.
 
     Constraints replace the saturation limits of coupled neurons. Raises `NetworkError` if the
-    network does not settle, so that scaling is impossible.
+    network does not settle or complete its duration, so that scaling is impossible.
     """
+    run = replace(PROBE, progress=progress, duration=duration)
     if not len(clamped_rows(network)):
-        return _probed(network, rules, progress)
+        return _probed(network, rules, run)
     known = {n: ends for n, ends in rules.intervals.items() if n in network.node_index}
-    found = _probed(network, replace(rules, intervals=known), progress)
+    found = _probed(network, replace(rules, intervals=known), run)
     rows = with_rail_rows(network, found.scaling, found.rate)
     if (
         rows.cell.inequality_duals == network.cell.inequality_duals
     ):  # every rail lies beyond full scale
-        return _probed(rows, rules, progress)
-    found = _probed(rows, rules, progress, BANDWIDTH * found.rate)
+        return _probed(rows, rules, run)
+    found = _probed(rows, rules, run, BANDWIDTH * found.rate)
     wide = intervals_of_inputs(schematic_of(rows), found.scaling, found.rate, rules.headroom)
     wider = replace(rules, intervals=wide | dict(rules.intervals))
     return replace(found, scaling=_scaling(found.trajectory, wider, found.rate))
 
 
 def _probed(
-    network: Network, rules: ScalingRules, progress: Progress, least: float = 0.0
+    network: Network, rules: ScalingRules, backend: OdeBackend, least: float = 0.0
 ) -> Probed:
     """Run a network and scale its circuit for its fastest rate, or the ``least`` rate."""
-    trajectory = _run(network, progress)
-    rate = max(spectrum(network, trajectory.final).radius, least)
+    trajectory = _run(network, backend)
+    rate = max(fastest_rate(trajectory), least)
     scaling = _scaling(trajectory, rules, rate)
     return Probed(network=network, trajectory=trajectory, rate=rate, scaling=scaling)
 
@@ -90,9 +102,24 @@ def _scaling(probe: Trajectory, rules: ScalingRules, rate: float) -> Scaling:
     return scale(probe.network, run, rules)
 
 
-def _run(network: Network, progress: Progress) -> Trajectory:
-    progress("probe run")
-    run = replace(PROBE, progress=progress).run(network)
+def fastest_rate(probe: Trajectory) -> float:
+    """Return the spectral radius at the settled point, in 1 / network time.
+
+    If the network does not settle, the result is the largest of `RATES` states of the run.
+    """
+    places = [-1]
+    if not settles(probe):
+        places = np.unique(np.linspace(0, len(probe.time) - 1, RATES).astype(int)).tolist()
+    return max(spectrum(probe.network, probe.states[place]).radius for place in places)
+
+
+def _run(network: Network, backend: OdeBackend) -> Trajectory:
+    backend.progress("probe run")
+    run = backend.run(network)
+    if run.status.outcome is Outcome.COMPLETED:
+        return run.trajectory
+    if backend.duration is not None and not run.status.settled:
+        raise NetworkError(f"duration: {backend.duration:g} cannot be run; {run.status}")
     if not run.status.settled:
         alone = network.preconditioner.kind is PreconditionerKind.DIAGONAL and bool(
             network.cell.duals
@@ -102,7 +129,8 @@ def _run(network: Network, progress: Progress) -> Trajectory:
             "(ann-dc circuit --metric multilevel)"
         )
         raise NetworkError(
-            f"circuit: the network has to settle to be scaled; {run.status}" + means * alone
+            f"circuit: the network has to settle to be scaled; {run.status}; to run it for a given "
+            f"time, give its duration" + means * alone
         )
     return run.trajectory
 
@@ -143,8 +171,12 @@ class Span:
         )
 
 
-def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
+def span_of(
+    circuit: Circuit, level: Level, probe: Trajectory, duration: float | None = None
+) -> Span:
     """Return the simulation duration of a circuit; without emulation, by the probe alone."""
+    if duration is not None:
+        return Span(duration=duration, wanted=0.0)
     ideal = float(probe.time[-1])
     if not level.emulated:
         return Span(duration=LONGER * max(ideal, _ideal_run(probe)), wanted=0.0)

@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.devices.elements import (
     CONSTANT,
@@ -78,7 +79,8 @@ def analog_computer_files(
     ``headroom`` times the largest observed value.
 
     Raises `ExportError` if an option is below 1, the preconditioner couples neurons that have
-    saturation limits, the network does not settle in continuous time, or the vector is another's.
+    saturation limits, the network does not settle in continuous time and the vector has no
+    duration, or the vector is another's.
 
     Examples
     --------
@@ -96,7 +98,7 @@ def analog_computer_files(
     check_limits(network, "integrators of an analog computer")
     labels = [network.label(i) for i in range(network.size)]
     elements = elements_of(program_of(network, 1.0, reduction), labels)
-    scales = _scales(elements, headroom * _peaks(network, elements), largest)
+    scales = _scales(elements, headroom * _peaks(network, elements, vector.duration), largest)
     beta = _time_scale(elements, scales, largest)
     table = {
         "wiring": vector.wiring,
@@ -147,13 +149,13 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
 # ---- scaling ---------------------------------------------------------------------------------
 
 
-def _peaks(network: Network, elements: Sequence[Element]) -> np.ndarray:
+def _peaks(network: Network, elements: Sequence[Element], duration: float | None) -> np.ndarray:
     """Return the largest magnitude (E,) of every element in a continuous-time run."""
-    run = OdeBackend(verify=False).run(network)
-    if not run.status.settled:
+    run = OdeBackend(verify=False, duration=duration).run(network)
+    if run.status.outcome not in (Outcome.SETTLED, Outcome.COMPLETED):
         raise ExportError(
             f"{network.title}: {run.status}; ranges are read off a run in continuous time, so "
-            "design the network first"
+            "design the network first, or give the duration of a run"
         )
     machine, states = Machine(elements), run.trajectory.states
     chosen = np.unique(np.linspace(0, len(states) - 1, SAMPLES).astype(int))

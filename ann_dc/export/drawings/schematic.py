@@ -79,7 +79,7 @@ def schematic_files(
             f"schematic: the resistors of a grid between {primal:.200} are not drawn; design the "
             "network with a diagonal, multilevel or cyclic-reduction preconditioner"
         )
-    circuit = build(network, level).circuit
+    circuit = build(network, level, duration=vector.duration).circuit
     files, reported = {}, told_of(network, "schematic", level)
     for number, page in enumerate(circuit_sheets(circuit, level)):
         files |= page.files(f"schematic_{number + 1}", reported)

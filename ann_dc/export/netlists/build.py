@@ -15,6 +15,7 @@ import numpy as np
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.backends.spice.probe import settles
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import cached_on
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
@@ -94,8 +95,13 @@ class Build:
             if (name, stage) in signals
         )
 
-    def settled(self, reading: Reading) -> float:
-        """Return the settled value of a neuron in the ideal network, in the user's units."""
+    @cached_property
+    def settles(self) -> bool:
+        """True if the ideal network settles; otherwise its run has a given duration."""
+        return settles(self.probe)
+
+    def final(self, reading: Reading) -> float:
+        """Return the value of a neuron at the end of the ideal run, in the user's units."""
         row = self.network.neuron_index[reading.name]
         scale = self.network.cell.neurons[row].scale
         return float(scale.user(self._end[row, reading.stage]))
@@ -106,8 +112,10 @@ class Build:
         return self.network.unpack(self.probe.final)
 
 
-def build(network: Network, level: str, series: str = "exact") -> Build:
-    """Build a network as a circuit at a model level.
+def build(
+    network: Network, level: str, series: str = "exact", duration: float | None = None
+) -> Build:
+    """Build a network as a circuit at a model level, for a run until settled or of a duration.
 
     Repeated calls return the same object. Levels are those of `ann_dc.hardware.parts.level_words`,
     the resistor series ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` and ``E96-pairs``.
@@ -116,20 +124,23 @@ def build(network: Network, level: str, series: str = "exact") -> Build:
     """
     if series.lower() not in WORDS:
         raise UnknownNameError.of("series", series, [s.replace(" ", "-") for s in SERIES])
-    key = level.lower(), series.lower()
-    return cached_on(network, "_builds", key, lambda: _built(network, level, WORDS[key[1]]))
+    key = level.lower(), series.lower(), duration
+    made = WORDS[series.lower()]
+    return cached_on(network, "_builds", key, lambda: _built(network, level, made, duration))
 
 
-def _built(network: Network, level: str, series: Series) -> Build:
+def _built(network: Network, level: str, series: Series, duration: float | None) -> Build:
     try:
         made = level_of(network, level)
-        backend = SpiceBackend(level=made, series=series)
-        instance, doubts = undrawn(backend, *backend.prepare(network)), []
-        if made.emulated:
+        backend = SpiceBackend(level=made, series=series, duration=duration)
+        instance, doubts, error = undrawn(backend, *backend.prepare(network)), [], np.nan
+        rests = settles(instance.probe)
+        if made.emulated and rests:
             instance = _without_ringing(backend, instance, network)
             doubts += _lost(instance)
-        error = _control_error(instance)
-        doubts += _coarse(instance, error)
+        if rests:
+            error = _control_error(instance)
+            doubts += _coarse(instance, error)
         circuit, probe = instance.circuit, instance.probe
         deck = backend.deck(circuit, probe, instance.deviations)
     except NetworkError as error:

@@ -105,7 +105,7 @@ def _build(network: Network, vector: ReferenceVector, level: str, series: str) -
             f"level {level}: its models are written for ngspice, with AGAUSS and lengths in "
             "micrometres; take another level, or the pack for ngspice"
         )
-    return build(network, level, series)
+    return build(network, level, series, vector.duration)
 
 
 def _files(

@@ -66,7 +66,7 @@ def kicad_files(
     parts, and `UnknownNameError` for an unknown level or series.
     """
     check_vector(network, vector)
-    made = build(network, level, series)
+    made = build(network, level, series, vector.duration)
     named = isinstance(made.level.technology, (OpAmps, DifferentialPairs))
     if made.level.models != "macro" or not named:
         raise ExportError(

@@ -69,7 +69,7 @@ def verilog_a_files(
     7
     """
     check_vector(network, vector)
-    made = build(network, LEVEL, series)
+    made = build(network, LEVEL, series, vector.duration)
     texts = {
         MODULES: _text(made),
         "scaling.csv": scaling_text(made),
@@ -233,7 +233,7 @@ def _network(made: Build, lines: Iterator[str]) -> str:
 
 def _readme(made: Build) -> str:
     timing, first = made.deck.timing, made.controls[0]
-    value = made.settled(first)
+    value = made.final(first)
     cells = counted(made.network.stages, "cells")
     return f"""# {plain(made.network.title)}: Verilog-A modules of {cells}
 
@@ -248,7 +248,7 @@ controls. For the run that is expected here drive it like this, and wait until {
 
     {reset_card(timing.release)}
 
-`expected_controls.csv` has what the controls settle to: {plain(first.name)} of stage
+`expected_controls.csv` has the controls at the end: {plain(first.name)} of stage
 {first.stage} is {value:.6g}, {first.scale.network(value):.6g} V at `{first.node}`.
 
 **No simulator has run this file.** It uses `idt` with a condition, branches to ground, and modules

@@ -5,14 +5,15 @@ The steps are forward Euler steps of one length h, clipped to the saturation lim
 .. math:: x_{k+1} = \mathrm{clip}(x_k + h\, M\, d(x_k)) .
 
 Every export can take these steps and must reach the same states. The residual is that of all runs.
-The iteration ends at the first state with a residual below the tolerance.
+The iteration ends at the first state with a residual below the tolerance. A vector of a given
+duration is that of a network that need not settle, such as an oscillator.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -39,6 +40,8 @@ HALVINGS = 6
 """Maximum number of step halvings if the iteration does not settle."""
 LIMIT = 20_000
 """Maximum number of steps."""
+FINE = 0.02
+"""Step length of a vector of a given duration, in fastest time constants."""
 LOST = 1e100
 """Residual above which the iteration counts as diverged."""
 
@@ -75,6 +78,8 @@ class ReferenceVector:
         Number of steps after which the residual was first below the tolerance; -1 if it never was.
     end, residual
         States and residual after these steps.
+    duration : float or None
+        Network time of the runs by which exports are scaled; None for runs until settled.
     """
 
     wiring: str
@@ -87,6 +92,7 @@ class ReferenceVector:
     steps: int
     end: np.ndarray
     residual: float
+    duration: float | None = None
 
     @property
     def settles(self) -> bool:
@@ -109,6 +115,7 @@ class ReferenceVector:
             "steps": self.steps,
             "end": self.end.tolist(),
             "residual": self.residual,
+            **({} if self.duration is None else {"duration": self.duration}),
         }
         return (json.dumps(table) + "\n").encode()
 
@@ -132,6 +139,7 @@ class ReferenceVector:
             steps=table.whole("steps", -1, LIMIT),
             end=_numbers(table, "end", 2, start.shape),
             residual=table.get("residual", float),
+            duration=_positive(table, "duration") if "duration" in table.given else None,
         )
 
     def check(
@@ -164,11 +172,15 @@ def check_states(found: np.ndarray, expected: np.ndarray, tolerance: float) -> f
 
 
 @checked
-def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> ReferenceVector:
+def reference_vector(
+    network: Network,
+    tolerance: PositiveFinite = 1e-6,
+    duration: PositiveFinite | None = None,
+) -> ReferenceVector:
     """Compute the test vector of a network: its iteration from the start to settling.
 
     The step is half the stability limit, and is halved up to 6 times if the iteration does not
-    settle.
+    settle. With a ``duration``, only the first steps are recorded, and they are short.
 
     Parameters
     ----------
@@ -176,6 +188,9 @@ def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> Refe
         Network to iterate.
     tolerance : float
         Tolerance of the relative KKT residual. Default 1e-6.
+    duration : float, optional
+        Network time of the runs by which exports are scaled; by default they last until the network
+        settles.
 
     Returns
     -------
@@ -193,6 +208,8 @@ def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> Refe
     >>> vector.check(lambda start, count: network.unpack(walker.after(network.pack(start), count)))
     0.0
     """
+    if duration is not None:
+        return _of_duration(network, tolerance, duration)
     walker = EulerWalk(network, SHARE * _step_limit(network))
     steps, end, residual = walker.settled(network.start_state, tolerance)
     for _ in range(HALVINGS):
@@ -200,18 +217,16 @@ def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> Refe
             break
         walker = EulerWalk(network, walker.step / 2)
         steps, end, residual = walker.settled(network.start_state, tolerance)
-    return ReferenceVector(
-        wiring=wiring_hash(network),
-        content=content_hash(network),
-        inputs=dict(network.input_values),
-        step=walker.step,
-        tolerance=tolerance,
-        start=network.unpack(network.start_state),
-        early={n: network.unpack(walker.after(network.start_state, n)) for n in EARLY},
-        steps=steps,
-        end=network.unpack(end),
-        residual=residual,
-    )
+    return walker.vector(tolerance, steps, end, residual)
+
+
+def _of_duration(network: Network, tolerance: float, duration: float) -> ReferenceVector:
+    """Return the vector of a network that need not settle; it ends with the first steps."""
+    rate = fast_evaluator(network).fastest_rate(network.start_state)
+    walker = EulerWalk(network, min(FINE / rate, duration / max(EARLY)))
+    end = walker.after(network.start_state, max(EARLY))
+    residual = max(fast_evaluator(network).residuals(end))
+    return replace(walker.vector(tolerance, -1, end, residual), duration=duration)
 
 
 def _step_limit(network: Network) -> float:
@@ -236,7 +251,7 @@ class EulerWalk:
     """Forward Euler steps of one length in network time."""
 
     def __init__(self, network: Network, step: float) -> None:
-        self.step = step
+        self.network, self.step = network, step
         self._evaluator: FastEvaluator = fast_evaluator(network)
         limits = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons])
         self._low, self._high = limits[network.places[:, 0]].T
@@ -256,6 +271,24 @@ class EulerWalk:
             x, count = self.after(x, 1), count + 1
             residual = max(self._evaluator.residuals(x))
         return (count if residual < tolerance else -1), x, float(residual)
+
+    def vector(
+        self, tolerance: float, steps: int, end: np.ndarray, residual: float
+    ) -> ReferenceVector:
+        """Return the test vector of the network by these steps, with its end (n,)."""
+        network, start = self.network, self.network.start_state
+        return ReferenceVector(
+            wiring=wiring_hash(network),
+            content=content_hash(network),
+            inputs=dict(network.input_values),
+            step=self.step,
+            tolerance=tolerance,
+            start=network.unpack(start),
+            early={n: network.unpack(self.after(start, n)) for n in EARLY},
+            steps=steps,
+            end=network.unpack(end),
+            residual=residual,
+        )
 
 
 def _positive(table: Table, key: str) -> float:

@@ -335,7 +335,8 @@ def _up(bandwidth_margin: float) -> str:
 class Sizing:
     """Input of the sizing.
 
-    The scaling may have any margin, and ``x`` (n,) is the settled state of the ideal network. If
+    The scaling may have any margin, and ``x`` (n,) is the settled state of the ideal network, or
+    the end of its run if it does not settle; then no margin is sought for its stability. If
     the bandwidth ``bandwidth_margin`` is None, it is chosen and that of the scaling is the minimum.
     ``lag`` is that of the nodes of a resistive grid, in units of network time.
     """
@@ -344,6 +345,7 @@ class Sizing:
     scaling: Scaling
     level: Level
     x: State
+    settles: bool = True
     bandwidth_margin: float | None = None
     lag: float = 0.0
 
@@ -399,7 +401,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     if level.smallest_resistor is None and level.smallest_capacitor:
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
     rings = level.datasheet.parasitics.ground or has_second_pole(level.datasheet)
-    if level.emulated and rings:
+    if level.emulated and rings and sizing.settles:
         wanted = max(wanted, _spared(circuit, sizing, wanted, progress))
     if math.isinf(wanted):
         raise NetworkError(
