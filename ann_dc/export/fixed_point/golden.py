@@ -2,7 +2,9 @@ r"""Fixed-point network: golden model, externally accessible words, and accuracy
 
 Errors are control errors relative to the largest control, in the user's units,
 
-.. math:: e = \max |u - u_{ref}| / \max |u_{ref}| .
+.. math:: e = \max |u - u_{ref}| / \max |u_{ref}| ,
+
+and to 1 % of the largest control on the way if all controls end below that.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.errors import ExportError
+from ann_dc.evaluation.rules import RESTING
 from ann_dc.export.fixed_point.machine import WORD, Integers, Machine, Settled
 from ann_dc.export.fixed_point.sampling import Sample
 from ann_dc.export.reference.vector import ReferenceVector
@@ -91,20 +94,21 @@ class Measured(NamedTuple):
 
 
 def control_errors(
-    found: np.ndarray, wanted: np.ndarray, settled: np.ndarray | None = None
+    found: np.ndarray, wanted: np.ndarray, settled: np.ndarray | None = None, least: float = 0.0
 ) -> np.ndarray:
     """Return the largest error (B,) of the controls of every lane.
 
     Errors are relative to the largest wanted control of the lane, but at least to `LEAST` times the
-    largest control of all lanes. Controls are (B, k) arrays in the user's units. Lanes with wanted
-    controls are those in ``settled``, by default the finite lanes.
+    largest control of all lanes, and to ``least``. Controls are (B, k) arrays in the user's units.
+    Lanes with wanted controls are those in ``settled``, by default the finite lanes.
     """
     with np.errstate(all="ignore"):
         largest = np.abs(wanted).max(1, initial=0.0)
         off = np.abs(found - wanted).max(1, initial=0.0)
         known = np.isfinite(largest) if settled is None else settled
         whole = largest[known].max(initial=0.0)
-        return off / (np.maximum(largest, LEAST * whole) if whole > 0 else 1.0)
+        least = max(LEAST * whole, least)
+        return off / (np.maximum(largest, least) if least > 0 else 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,6 +130,9 @@ class FixedPoint:
     accuracy, error : float
         Wanted error, and largest error of a control with the network's nominal inputs, at settling
         and long afterwards.
+    reach : float
+        Largest magnitude of a control on the sampled runs, counted from its scale's offset, in the
+        user's units.
     limit : int
         Number of steps after which an unsettled run is not expected to settle.
     vectors : mapping of int to (n,) array of int
@@ -147,6 +154,7 @@ class FixedPoint:
     measured: Measured
     accuracy: float
     error: float
+    reach: float
     limit: int
     vectors: Mapping[int, np.ndarray]
     prefix: str = PREFIX
@@ -223,7 +231,8 @@ class FixedPoint:
         factor, offset = np.array([port.scale for port in self.controls]).reshape(-1, 2).T
         with np.errstate(all="ignore"):
             found = offset + factor * self.values(states)[read].T
-            return control_errors(found, offset + factor * ends[read].T, settled)
+            wanted = offset + factor * ends[read].T
+            return control_errors(found, wanted, settled, RESTING * self.reach)
 
     def control_error(self, states: np.ndarray, vector: ReferenceVector) -> float:
         """Return the control error of integer states (n,) against a vector's end."""

@@ -23,9 +23,9 @@ from ann_dc.scale import Scale
 
 NAME = "fixed_point.json"
 FORMAT = "ann_dc fixed point"
-SCHEMA = 2
+SCHEMA = 3
 IDENTITY = ("title", "wiring", "content", "vector", "step", "prefix")
-RESULTS = ("accuracy", "error", "limit")
+RESULTS = ("accuracy", "error", "reach", "limit")
 """Fields of a fixed-point network that are stored as they are."""
 ARRAYS = {
     "operations": (-1, 6), "edges": (-1, 3), "tables": (-1, 4),

@@ -293,12 +293,25 @@ class _Trial:
         np.maximum.at(largest, rows, jitter)
         return largest[rows]
 
+    def _reached(self, port: Port) -> float:
+        """Return the largest magnitude of a control in network units on the sampled runs."""
+        low, high = (ends[port.words] for ends in self.sample.ranges)
+        return float(np.maximum(np.abs(low), np.abs(high)).max())
+
     def record(self, machine: Machine, fraction: np.ndarray) -> FixedPoint:
         """Return the record of a machine before its execution."""
         network, program = self.network, self.sample.program
         read = np.flatnonzero(network.of_population(CONTROLS))
         read = read if len(read) else np.arange(network.size)
         scales = [neuron.scale for neuron in network.cell.neurons]
+        controls = tuple(
+            Port(
+                name=network.label(int(i)),
+                words=program.states[i : i + 1],
+                scale=scales[network.places[i, 0]],
+            )
+            for i in read
+        )
         return FixedPoint(
             title=network.title,
             wiring=self.vector.wiring,
@@ -313,18 +326,12 @@ class _Trial:
                 Port(name=name, words=words, scale=network.input_scale(name))
                 for name, words in program.inputs.items()
             ),
-            controls=tuple(
-                Port(
-                    name=network.label(int(i)),
-                    words=program.states[i : i + 1],
-                    scale=scales[network.places[i, 0]],
-                )
-                for i in read
-            ),
+            controls=controls,
             ranges=self.ranges,
             measured=Measured(),
             accuracy=self.accuracy,
             error=np.inf,
+            reach=max(abs(port.scale.factor) * self._reached(port) for port in controls),
             limit=0,
             vectors={},
         )
