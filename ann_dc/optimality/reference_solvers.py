@@ -53,6 +53,62 @@ class SolverTiming:
 
 
 @checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SolverIterates:
+    """Iterations of a digital solver on a problem, from a straight line to the target.
+
+    Attributes
+    ----------
+    name : str
+        Name of the solver.
+    seconds : float
+        Time of one solve.
+    residuals : (J + 1,) array
+        Larger of the solver's primal and dual infeasibility before every iteration and at the end.
+    objectives : (J + 1,) array
+        Costs in the user's units.
+    """
+
+    name: str
+    seconds: float
+    residuals: np.ndarray
+    objectives: np.ndarray
+
+
+@checked
+def solver_iterates(problem: OptimalControlProblem) -> SolverIterates:
+    """Return the iterations of IPOPT on a problem.
+
+    Raises `ProblemError` without CasADi (``pip install 'ann_dc[reference]'``).
+
+    Examples
+    --------
+    >>> from ann_dc import plants
+    >>> found = solver_iterates(plants.double_integrator(N=5))
+    >>> bool(found.residuals[-1] < 1e-8), round(found.objectives[-1], 6)
+    (True, 500.0)
+    """
+    try:
+        import casadi as ca
+    except ImportError as error:
+        raise ProblemError(
+            "solver_iterates: IPOPT runs through CasADi: pip install 'ann_dc[reference]'"
+        ) from error
+    shooting = _Shooting.of(ca, problem)
+    options = {"ipopt": {"print_level": 0, "sb": "yes"}, "expand": True, "print_time": False}
+    solver, bounds = ca.nlpsol("iterates", "ipopt", shooting.program, options), shooting.bounds()
+    began = clock.perf_counter()
+    solver(**bounds)
+    seconds, steps = clock.perf_counter() - began, solver.stats()["iterations"]
+    return SolverIterates(
+        name="IPOPT",
+        seconds=seconds,
+        residuals=np.maximum(steps["inf_pr"], steps["inf_du"]),
+        objectives=np.array(steps["obj"], float),
+    )
+
+
+@checked
 def time_solvers(problem: OptimalControlProblem, repeats: int = 20) -> tuple[SolverTiming, ...]:
     """Time the installed reference solvers, starting on a straight line to the target.
 

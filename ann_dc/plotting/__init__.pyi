@@ -1,5 +1,6 @@
 from . import style as style, worlds as worlds
 from .circuits import circuit as circuit, comparison as comparison
+from .convergence import convergence as convergence
 from .designs import diagnosis as diagnosis, family as family, front as front
 from .solutions import (
     controls as controls,

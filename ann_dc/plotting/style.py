@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -31,6 +32,9 @@ FASTEST = "network time (fastest time constants)"
 
 UNSCALED = "network time (unit time constants)"
 """Label of network time in time constants of a neuron with tau = 1."""
+
+DATED = {"png": "Software", "svg": "Date", "pdf": "CreationDate"}
+"""Formats of figures, and the entry that would change from file to file."""
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -119,15 +123,18 @@ def headline(figure: Figure, words: str) -> None:
 
 @checked
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as a PNG file; equal figures give equal bytes.
+    """Write a figure as a PNG, SVG or PDF file; equal figures give equal bytes.
 
+    The suffix of the path determines the format; others than ``.svg`` and ``.pdf`` give a PNG file.
     Missing folders are created. Returns the path. Raises `OutputError` if the folder cannot be
     created or the file cannot be written.
     """
     path = Path(path)
     make_folder(path.parent)
+    form = suffix if (suffix := path.suffix[1:].lower()) in DATED else "png"
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=150, metadata={"Software": None})
+    with rc_context({"svg.hashsalt": "ann_dc"}):
+        figure.savefig(stream, format=form, dpi=150, metadata={DATED[form]: None})
     write_whole(path, stream.getvalue())
     return path
 
