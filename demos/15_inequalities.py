@@ -106,7 +106,7 @@ def limited(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
             axes.axhline(limit, color=color, lw=0.9, ls=(0, (6, 4)))
     axes.plot([], [], color=style.GREY, lw=0.9, ls=(0, (6, 4)), label="limit")
     axes.plot([], [], color=style.GREY, lw=0.8, label="without inequalities")
-    axes.set(xlabel=plotting.time_label(held.problem), ylabel="control (m/s, rad/s)")
+    axes.set(xlabel=plotting.style.time_label(held.problem), ylabel="control (m/s, rad/s)")
     axes.legend(frameon=False, fontsize=8, ncols=2)
 
 

@@ -107,9 +107,9 @@ def completed(residuals: tuple[float, float], now: float) -> Status:
     Examples
     --------
     >>> str(completed((0.0, 0.3), 25.0))
-    'ran for 25 unit time constants, the duration given: KKT residual 3.0e-01'
+    'completed after 25 unit time constants, the duration given: KKT residual 3.0e-01'
     """
-    message = f"ran for {now:.6g} unit time constants, the duration given: KKT residual"
+    message = f"completed after {now:.6g} unit time constants, the duration given: KKT residual"
     message = f"{message} {max(residuals):.1e}"
     return Status(outcome=Outcome.COMPLETED, message=message, neuron=None, time=now)
 

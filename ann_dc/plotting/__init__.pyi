@@ -15,7 +15,6 @@ from .style import (
     new_figure as new_figure,
     quiet as quiet,
     save as save,
-    time_label as time_label,
     title as title,
     with_unit as with_unit,
 )

@@ -244,6 +244,28 @@ def _spread(count: int) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, POINTS)).astype(int))
 
 
+@checked
+def medians(categories: Mapping[str, Sequence[Curve]], centres: Mapping[str, Curve]) -> Figure:
+    """Plot the residuals of a study over network time, with a colour for each category.
+
+    ``centres`` are the medians by category; they have gaps where curves form two clusters.
+    """
+    figure = style.new_figure(8.6, 4.6)
+    axes = figure.add_subplot()
+    for colour, (name, curves) in zip(itertools.cycle(COLOURS), categories.items()):
+        for curve in curves:
+            axes.plot(*curve, color=colour, lw=0.8, alpha=0.3 if name in centres else 0.8)
+        drawn = centres.get(name, Curve(np.empty(0), np.empty(0)))
+        axes.plot(*drawn, color=colour, lw=2.2, label=name or "median")
+    axes.set_yscale("log")
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel(LABELS["time"])
+    axes.set_ylabel(ERRORS["residual"])
+    style.quiet(axes)
+    style.legend_beside(axes)
+    return figure
+
+
 # ---- drawing -------------------------------------------------------------------------------------
 
 

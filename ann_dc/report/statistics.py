@@ -171,7 +171,7 @@ def outliers_of(title: str, about: Limit | Column, most: int) -> Outliers | None
     return Outliers(title, column, rows) if len(rows) else None
 
 
-KEPT = 24
+KEPT = 60
 """Cases whose trajectories a page shows."""
 LOOKED_AT = 2000
 """Largest number of cases that are searched for trajectories."""

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ann_dc.errors import PandasMissing, UnknownNameError
-from ann_dc.study.records import FAILED, LOST, OUTCOME, TIMED_OUT, Row, Value
+from ann_dc.errors import PandasMissing, StudyError, UnknownNameError
+from ann_dc.study.records import FAILED, LOST, OUTCOME, POINT, TIMED_OUT, Row, Value
 from ann_dc.study.store import Store
+from ann_dc.study.table_export import write_parquet
 from ann_dc.study.yield_metrics import yield_of
 from ann_dc.validation import checked
 from ann_dc.yields import Limit, Yield
 
+RESIDUALS = "residuals"
+"""Name of the stored residuals."""
 NO_RESULT = (FAILED, TIMED_OUT, LOST)
 """Outcomes of cases without a result."""
 
@@ -34,6 +38,10 @@ class Table:
         Specification of the study.
     stopped : str
         Reason of an early end; empty if the last case was run.
+    varied : tuple of str
+        Settings that the study varies.
+    trajectories : mapping of case number to arrays by name
+        Stored trajectories; empty unless the study has ``curves``.
 
     Examples
     --------
@@ -47,6 +55,8 @@ class Table:
     columns: Mapping[str, Any]
     spec: Mapping[str, Any]
     stopped: str = ""
+    varied: tuple[str, ...] = ()
+    trajectories: Mapping[int, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, store: Store, *, stopped: str = "") -> Table:
@@ -57,7 +67,16 @@ class Table:
                 value = row.get(name)
                 held.append(sys.intern(value) if isinstance(value, str) else value)
         columns = {name: _array(values.pop(name)) for name in [*values]}
-        return cls(columns=columns, spec=store.identity.get("spec", {}), stopped=stopped)
+        kept: dict[int, Mapping[str, np.ndarray]] = {}
+        if store.identity.get("curves"):
+            kept = {point: store.curves(point) for point in columns[POINT].tolist()}
+        return cls(
+            columns=columns,
+            spec=store.identity.get("spec", {}),
+            stopped=stopped,
+            varied=tuple(name for name in store.identity.get("vary", {}) if name in columns),
+            trajectories={point: arrays for point, arrays in kept.items() if arrays},
+        )
 
     def __len__(self) -> int:
         return len(self.columns[OUTCOME])
@@ -104,15 +123,103 @@ class Table:
             self[name]
         return yield_of(self.columns, limits)
 
+    def curves(self, name: str = RESIDUALS) -> CurveTable:
+        """Return stored trajectories of all records, one row per case and time.
+
+        The columns are the case number, the varied settings and the network time, and then
+        ``constraint``, ``stationarity`` and their maximum ``residual``; for the name of a neuron
+        its values by stage, ``u.a[0]``, in the user's units; nan where a case has fewer stages.
+
+        Raises `StudyError` if the study stored no trajectories, and `UnknownNameError` for another
+        name.
+
+        Examples
+        --------
+        >>> import ann_dc
+        >>> study = ann_dc.Study(
+        ...     subject=ann_dc.plants.double_integrator(N=3), vary={"run.method": ["RK45", "BDF"]},
+        ...     metrics=["settling_time"], curves=50,
+        ... )
+        >>> list(study.run(workers=0).curves().columns)
+        ['point', 'run.method', 'time', 'constraint', 'stationarity', 'residual']
+        """
+        if not self.trajectories:
+            raise StudyError(
+                "curves: the study stored no trajectories; give it curves=200, the number of "
+                "states to store per case"
+            )
+        rows = np.flatnonzero(np.isin(self.columns[POINT], list(self.trajectories)))
+        kept = [self.trajectories[int(self.columns[POINT][row])] for row in rows]
+        names = [known for known in kept[0] if not known.endswith("time")]
+        if name not in names:
+            raise UnknownNameError.of("curve", name, names)
+        own = "residual_time" if name == RESIDUALS else "time"
+        counts = [len(arrays[own]) for arrays in kept]
+        heads = {n: np.repeat(self.columns[n][rows], counts) for n in (POINT, *self.varied)}
+        heads["time"] = np.concatenate([arrays[own] for arrays in kept])
+        wide = max(arrays[name].shape[1] for arrays in kept)
+        values = np.full((sum(counts), wide), np.nan)  # cases may have fewer stages
+        for part, arrays in zip(np.split(values, np.cumsum(counts)[:-1]), kept):
+            part[:, : arrays[name].shape[1]] = arrays[name]
+        if name == RESIDUALS:
+            parts = {"constraint": values[:, 0], "stationarity": values[:, 1]}
+            return CurveTable(columns=heads | parts | {"residual": values.max(axis=1)})
+        parts = {f"{name}[{k}]": column for k, column in enumerate(values.T)}
+        return CurveTable(columns=heads | parts)
+
     def to_frame(self) -> Any:
         """Convert the table to a pandas data frame; raise `PandasMissing` without pandas."""
-        try:
-            import pandas
-        except ImportError as error:
-            raise PandasMissing(
-                "to_frame: a data frame needs pandas: pip install 'ann-dc[study]'"
-            ) from error
-        return pandas.DataFrame(dict(self.columns))
+        return _frame(self.columns)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CurveTable:
+    """Trajectories of a study as columns of equal length.
+
+    Attributes
+    ----------
+    columns : mapping of str to (rows,) array
+        Case number, varied settings, network time, and values.
+    """
+
+    columns: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.columns["time"])
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """Return a column; raise `UnknownNameError` if the name does not exist."""
+        if column not in self.columns:
+            raise UnknownNameError.of("column", column, self.columns)
+        return self.columns[column]
+
+    def to_frame(self) -> Any:
+        """Convert the columns to a pandas data frame; raise `PandasMissing` without pandas."""
+        return _frame(self.columns)
+
+    def to_parquet(self, path: str | os.PathLike[str]) -> None:
+        """Write the columns as a Parquet file.
+
+        Raises `PyarrowMissing` if pyarrow is not installed, and `OutputError` if the file cannot be
+        written; an existing file is then unchanged.
+        """
+        lists = [column.tolist() for column in self.columns.values()]
+        kinds = {
+            name: sorted({type(value).__name__ for value in values})
+            for name, values in zip(self.columns, lists)
+        }
+        write_parquet(path, [list(map(list, zip(*lists)))], kinds, "{}")
+
+
+def _frame(columns: Mapping[str, Any]) -> Any:
+    try:
+        import pandas
+    except ImportError as error:
+        raise PandasMissing(
+            "to_frame: a data frame needs pandas: pip install 'ann-dc[study]'"
+        ) from error
+    return pandas.DataFrame(dict(columns))
 
 
 def _array(values: Iterable[Value]) -> np.ndarray:

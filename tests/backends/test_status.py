@@ -13,6 +13,7 @@ from ann_dc.backends.status import (
     UNMET,
     Outcome,
     Status,
+    completed,
     diverged,
     infeasible,
     left_domain,
@@ -42,6 +43,7 @@ def state(**values: list[float]) -> np.ndarray:
 
 ENDS = {
     Outcome.SETTLED: settled(1e-9, 7.0),
+    Outcome.COMPLETED: completed((1e-9, 1e-2), 7.0),
     Outcome.NOT_SETTLED: not_settled((1e-9, 1e-2), 7.0, "time was up"),
     Outcome.DIVERGED: diverged(ROW, np.ones(4), 7.0),
     Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
@@ -54,6 +56,7 @@ ENDS = {
 
 FIRST_WORDS = {
     Outcome.SETTLED: "settled after",
+    Outcome.COMPLETED: "completed after",
     Outcome.NOT_SETTLED: "not settled after",
     Outcome.DIVERGED: "diverged after",
     Outcome.LEFT_DOMAIN: "left the domain of",

@@ -212,7 +212,8 @@ def report(
     support hovering and zooming. The slowest and worst cases are listed with
     the command that repeats each. A table of all records can be sorted by a
     click and filtered by text and numbers. For a running study the page shows
-    the records so far.
+    the records so far. If the study keeps curves, the residuals over time are
+    also written beside the page, as PDF and SVG.
 
     Usage examples:
 
@@ -223,12 +224,13 @@ def report(
     output, 130 interrupted.
     """
     with progress_line(quiet) as progress:
-        from ann_dc.report.study_page import write_study_page
+        from ann_dc.report.study_page import write_residuals, write_study_page
         from ann_dc.study.store import Store
 
         file = out or folder / NAME
         with Store.open(folder) as store:
             make_room(file)
             write_study_page(store, file, progress=progress)
+            figures = write_residuals(store, file)
             count = len(store)
-    finish([f"{count:,} points"], [file], quiet=quiet)
+    finish([f"{count:,} points"], [file, *figures], quiet=quiet)

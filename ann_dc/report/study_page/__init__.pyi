@@ -1,1 +1,1 @@
-from .page import write_study_page as write_study_page
+from .page import write_residuals as write_residuals, write_study_page as write_study_page

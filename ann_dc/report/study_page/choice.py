@@ -15,11 +15,11 @@ from typing import NamedTuple
 from ann_dc.report.statistics import PREDICTED, Findings
 from ann_dc.report.study_columns import Column, strength
 from ann_dc.report.study_page.figure import Figure
+from ann_dc.report.study_page.over_time import over_time
 from ann_dc.report.study_page.plots import (
     beside,
     distribution,
     over_numbers,
-    over_time,
     over_two,
     over_words,
     yield_over,
@@ -72,7 +72,7 @@ def _candidates(found: Findings) -> Iterator[Candidate]:
     for pair in found.predictions:
         title = f"{pair.predicted.name} beside {pair.measured.name}"
         yield Candidate("beside", title, 3.0, partial(beside, found, pair))
-    for number, figure in enumerate(over_time(found.curves)):
+    for number, figure in enumerate(over_time(found)):
         yield Candidate("time", figure.title, 1 / (1 + number), lambda figure=figure: figure)
     seconds = [] if found.seconds is None or not _spreads(found.seconds) else [found.seconds]
     yield from _yields(found)

@@ -22,6 +22,7 @@ import os
 import struct
 from collections.abc import Iterable
 from importlib import import_module, resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page import sections
 from ann_dc.report.study_page.choice import chosen
 from ann_dc.report.study_page.figure import percent
+from ann_dc.report.study_page.over_time import RESIDUALS, categories_of
 from ann_dc.study.store import Store
 from ann_dc.study.table import NO_RESULT
 
@@ -56,6 +58,24 @@ def write_study_page(
     progress("reading the store")
     found = Findings.of(store)
     write_whole(path, page_of(found, progress=progress).encode("utf-8"))
+
+
+def write_residuals(store: Store, page: str | os.PathLike[str]) -> list[Path]:
+    """Write the residuals over time beside a page, as PDF and SVG; nothing without trajectories.
+
+    Returns the files. Raises `OutputError` if a file cannot be written.
+    """
+    found = categories_of(Findings.of(store), RESIDUALS)
+    if not found:
+        return []
+    from ann_dc.plotting.convergence import Curve, medians
+    from ann_dc.plotting.style import save
+
+    curves = {part.label: [Curve(c.times, c.values) for c in part.curves] for part in found}
+    centres = {part.label: Curve(part.times, part.median) for part in found if len(part.times)}
+    figure, place = medians(curves, centres), Path(page)
+    names = (place.with_name(f"{place.stem}_residuals{suffix}") for suffix in (".pdf", ".svg"))
+    return [save(figure, name) for name in names]
 
 
 def page_of(found: Findings, *, progress: Progress = silent) -> str:

@@ -1,9 +1,9 @@
-"""Figures of metrics and yield over settings, of distributions, predictions and trajectories."""
+"""Figures of metrics and yield over settings, of distributions and predictions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -257,9 +257,6 @@ def yield_over(found: Findings, setting: Column) -> Figure | None:
 
 
 BARS = 40
-SAMPLES = 300
-"""Number of drawn samples of a trajectory."""
-TIME, RESIDUALS = "time", "residuals"
 
 
 def distribution(found: Findings, metric: Column) -> Figure:
@@ -337,58 +334,3 @@ def beside(found: Findings, pair: Prediction) -> Figure:
         traces=traces,
         layout={"xaxis": axis(measured) | kind, "yaxis": axis(predicted) | kind},
     )  # fmt: skip
-
-
-class Curve(NamedTuple):
-    """Trajectory of one case; times and values have shape (m,)."""
-
-    point: int
-    times: np.ndarray
-    values: np.ndarray
-
-
-def over_time(kept: Mapping[int, Mapping[str, np.ndarray]]) -> list[Figure]:
-    """Plot trajectories of cases, one figure per quantity: residual and scalars.
-
-    The arrays have shape (m,) or (m, k). Times are named ``time``, or ``x_time`` if they belong to
-    ``x`` alone. Of residuals with columns the largest is drawn.
-    """
-    curves: dict[str, list[Curve]] = {}
-    for point, arrays in kept.items():
-        for name, values in arrays.items():
-            times = arrays.get(_times_of(name, arrays))
-            line = np.max(values, axis=1) if name == RESIDUALS and values.ndim == 2 else values
-            if times is not None and not name.endswith(TIME) and _fits(line, times):
-                curves.setdefault(name, []).append(Curve(point, times, line))
-    return [_over_time(name, curves[name]) for name in sorted(curves, key=RESIDUALS.__ne__)]
-
-
-def _times_of(name: str, arrays: Mapping[str, np.ndarray]) -> str:
-    own = [other for other in arrays if other.endswith(f"_{TIME}")]
-    return next((other for other in own if name.startswith(other.removesuffix(f"_{TIME}"))), TIME)
-
-
-def _fits(values: np.ndarray, times: np.ndarray) -> bool:
-    is_number = values.dtype.kind in "fiu" and values.ndim == 1
-    return is_number and values.shape == times.shape and len(values) > 1
-
-
-def _over_time(name: str, curves: Sequence[Curve]) -> Figure:
-    traces = []
-    for number, (point, times, values) in enumerate(curves):
-        some = np.unique(np.linspace(0, len(values) - 1, SAMPLES).astype(int))
-        traces.append({
-            "type": "scatter", "mode": "lines", "name": f"point {point}", "opacity": 0.7,
-            "x": listed(times[some]), "y": listed(values[some]), "showlegend": False,
-            "line": {"width": 1.3, "color": (BLUE, GREY, RED)[number % 3]},
-            "hovertemplate": f"point {point}<br>%{{x}}<br>%{{y}}<extra></extra>",
-        })  # fmt: skip
-    whole = np.concatenate([curve.values for curve in curves])
-    is_positive = bool((whole[np.isfinite(whole)] > 0).all())
-    height = {"type": "log", "exponentformat": "power"} if is_positive else {}
-    return Figure(
-        title=f"{name} over time",
-        says=f"Curves of {len(traces)} of the points that keep any.",
-        traces=traces,
-        layout={"xaxis": plain_axis("network time"), "yaxis": plain_axis(shown(name), **height)},
-    )

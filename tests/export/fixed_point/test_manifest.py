@@ -98,7 +98,7 @@ def test_integers_that_are_not_those_of_their_hash_are_refused(files):
         ({"tables": [[0, 5, 2, 0]]}, "tables"),
         ({"tables": [[0, 5, 99, 0]]}, "tables"),
         ({"words": [0]}, "operations|neurons"),
-        ({"schema": 3}, "schema"),
+        ({"schema": 4}, "schema"),
         ({"prefix": "1_evil"}, "evil"),
         ({"title": "another"}, "is not what"),
     ],
