@@ -1,0 +1,71 @@
+"""Exports of networks that never settle, scaled by a run of a given duration."""
+
+import csv
+import subprocess
+
+import numpy as np
+import pytest
+from oscillators import chua, reference, van_der_pol
+from simulator import needs_ngspice
+
+import ann_dc
+from ann_dc.export.catalogue import FORMATS, inspect_export
+from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+
+CIRCUITS = ("pack", "ltspice", "xyce", "kicad", "verilog_a", "schematic", "analog_computer")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("van_der_pol")
+    found = ann_dc.export_network(van_der_pol(), "all", folder, duration=20.0)
+    return folder, {each.name: each for each in found}
+
+
+@pytest.mark.parametrize("name", CIRCUITS)
+def test_a_circuit_of_every_format_is_written_and_checked(exported, name):
+    _, found = exported
+    assert not found[name].why_not
+    assert found[name].files
+
+
+def test_what_cannot_be_held_is_refused_by_name(exported):
+    _, found = exported
+    assert {name for name in FORMATS if found[name].why_not} <= {"nir", "c99", "hdl", "capacitors"}
+    assert "xx (product)" in found["nir"].why_not
+
+
+@needs_ngspice
+@pytest.mark.parametrize(("network", "duration"), [(van_der_pol(), 20.0), (chua(), 8.7)])
+def test_a_pack_runs_by_hand_and_ends_where_the_equations_do(network, duration, tmp_path):
+    ann_dc.export_network(network, "pack", tmp_path, duration=duration)
+    folder = tmp_path / "pack"
+    said = subprocess.run(
+        ["ngspice", "-n", "-b", "deck.cir"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    assert "at the end of the run" in said.stdout
+    wanted = reference(network, duration)(duration)
+    with open(folder / "controls.csv") as file:
+        found = [float(row["settled"]) for row in csv.DictReader(file)]
+    np.testing.assert_allclose(found, wanted, atol=1e-2 * np.abs(wanted).max())
+
+
+def test_a_vector_knows_its_duration():
+    vector = reference_vector(van_der_pol(), duration=20.0)
+    assert not vector.settles
+    again = ReferenceVector.from_json(vector.as_json())
+    assert again.duration == 20.0
+    assert again.as_json() == vector.as_json()
+    assert (
+        "duration"
+        not in reference_vector(ann_dc.design(ann_dc.plants.double_integrator(N=3)).network)
+        .as_json()
+        .decode()
+    )
+
+
+@pytest.mark.parametrize("name", ["pack", "analog_computer", "onnx", "weights"])
+def test_an_export_is_inspected(exported, name):
+    folder, _ = exported
+    [found] = inspect_export(folder / name)
+    assert found.good, found.wrong
