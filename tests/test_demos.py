@@ -557,3 +557,22 @@ def test_on_a_board(tmp_path):
         assert np.isfinite(one.settling), one.name
     ohms = [one.ohms for one in result["cured"]]
     assert ohms == sorted(ohms, reverse=True)
+
+
+@needs_ngspice
+def test_waveforms_and_convergence(tmp_path):
+    result = demo("28_waveforms_and_convergence").main(
+        tmp_path,
+        ann_dc.plants.double_integrator(N=4),
+        durations={"van der Pol": 20.0, "Chua": 8.7},
+        margins=(1e3, 1e4),
+    )
+    assert_drawn(result, 7)
+    assert result["errors"][1e3] > 5 * result["errors"][1e4]
+    for _, circuit in result["runs"].values():
+        assert circuit.mean_square_error < 1e-4
+    times = [result["times"][name] for name in ("compiled", "RK45", "LSODA", "Radau", "BDF")]
+    np.testing.assert_allclose(times, times[0], rtol=0.01)
+    levels = result["counted"]["two levels"]
+    assert levels.settled.all()
+    assert levels.rounds < 10
