@@ -43,7 +43,7 @@ from .gain_design import Gains as Gains
 from .gain_design import GainRule as GainRule
 from .gain_design import apply_gains as apply_gains
 from .gain_design import manual_gains as manual_gains
-from .network import Network as Network
+from .network import Network as Network, Waveform as Waveform
 from .scale import Scale as Scale
 from .network.preconditioners import PreconditionerKind as PreconditionerKind
 from .solution import Solution as Solution

@@ -236,6 +236,7 @@ OWNERS = {
         design().network, upper=ann_dc.two_level.NewtonCoordinator()
     ),
     "UpperMap": upper_map,
+    "Waveform": lambda: ann_dc.Waveform(times=np.array([0.0, 1.0]), values=np.array([1.0, 2.0])),
     "levels.Level": ann_dc.levels.macro,
     "ode.Method": lambda: ann_dc.ode.RK45,
     "two_level.Closed": ann_dc.two_level.Closed,
@@ -249,6 +250,9 @@ OWNERS = {
 
 GIVEN: dict[str, Callable[[], dict]] = {
     "Multistart.solution": lambda: {"index": 0},
+    "Network.at_time": lambda: {"time": 1.0},
+    "Waveform": lambda: {"times": np.array([0.0, 1.0]), "values": np.array([1.0, 2.0])},
+    "Waveform.at": lambda: {"time": 0.5},
     "Network.input_scale": lambda: {"name": "q_d.x"},
     "Network.label": lambda: {"component": 0},
     "Network.neuron": lambda: {"name": "q.x"},
@@ -307,7 +311,8 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "plotting.family": lambda: {"designed": family()},
     "plotting.front": lambda: {"found": front()},
     "plotting.headline": lambda: {"figure": figure(), "words": "words"},
-    "plotting.ladder": lambda: {"done": [Measured(name="ODE", group=Group.DIGITAL)]},
+    "plotting.comparison": lambda: {"done": [Measured(name="ODE", group=Group.DIGITAL)]},
+    "plotting.convergence": lambda: {"runs": {"solve": solution().run}},
     "plotting.new_figure": lambda: {"width": 3.0, "height": 2.0},
     "plotting.quiet": lambda: {"axes": figure().subplots()},
     "plotting.save": lambda: {"figure": figure(), "path": "figure.png"},

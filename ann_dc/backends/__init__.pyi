@@ -5,3 +5,4 @@ from .overshoot import overshoot as overshoot
 from .run import Run as Run
 from .settling import Settling as Settling
 from .status import not_settled as not_settled, settled as settled
+from .tracking import Tracking as Tracking, tracking_error as tracking_error

@@ -102,6 +102,7 @@ def run_lanes(
     exist. Raises `NetworkError` if sizes do not agree, if the numbers do not fit the network, or if
     no code is generated for the wiring.
     """
+    check_constant(network)
     tape = evaluator(network).tape
     if why := refusal(tape):
         raise NetworkError(f"run_batch: no code is generated for this network: {why}")
@@ -129,6 +130,16 @@ def run_lanes(
         curves=_curves(found) if curves else None,
         numbers=numbers,
     )
+
+
+def check_constant(network: Network) -> None:
+    """Raise `NetworkError` if an input of a network changes over time."""
+    if network.waveforms:
+        raise NetworkError(
+            f"inputs: {', '.join(network.waveforms)} change over time, which OdeBackend.run and "
+            "SpiceBackend.run can follow; give batches and recurrent steps the network at a time, "
+            "network.at_time(0.0)"
+        )
 
 
 def attempts_of(network: Network) -> int:

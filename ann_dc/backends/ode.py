@@ -20,6 +20,7 @@ from ann_dc.backends.batched.continuous_code import ROWS
 from ann_dc.backends.batched.group import Group
 from ann_dc.backends.batched.located import Again, locate_exits
 from ann_dc.backends.integration.drawing import CompiledAgain
+from ann_dc.backends.integration.driven import DrivenStepper
 from ann_dc.backends.integration.integrator import Ends
 from ann_dc.backends.integration.methods import (
     BATCHES as BATCHES,
@@ -33,7 +34,13 @@ from ann_dc.backends.integration.methods import (
     RK45 as RK45,
     Method as Method,
 )
-from ann_dc.backends.integration.steppers import FIRST_STEP, Beginning, RightHandSide, stepper_of
+from ann_dc.backends.integration.steppers import (
+    FIRST_STEP,
+    Beginning,
+    RightHandSide,
+    Stepper,
+    stepper_of,
+)
 from ann_dc.backends.integration.systems import Cells
 from ann_dc.backends.lane_batch import Thread, attempts_of, ends_of, run_lanes
 from ann_dc.backends.recorder import Recorder
@@ -43,6 +50,8 @@ from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.drive import Drive
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
@@ -235,7 +244,17 @@ class OdeBackend:
         -------
         Run
             Result of the run. ``verified`` contains the outcome of the run at tighter tolerances.
+
+        Raises
+        ------
+        NetworkError
+            If inputs change over time and no ``duration`` is given, or another right-hand side is.
         """
+        if network.waveforms and (self.duration is None or rhs is not None):
+            raise NetworkError(
+                f"duration: {network.title} has inputs over time, of "
+                f"{', '.join(network.waveforms)}; give the duration of the run"
+            )
         run = _Integration(network, self, self.method, rhs).run()
         if run.status.outcome is Outcome.COMPLETED:
             return replace(run, verified="its residual is not below tolerance at the end")
@@ -267,12 +286,16 @@ class _Integration:
         rhs: RightHandSide | None,
     ) -> None:
         self.network, self.backend, self.method = network, backend, method
-        self.compiled = fast_evaluator(network)
+        drive = Drive(InterpretedEvaluator(network)) if network.waveforms else None
+        self.compiled = drive.evaluator if drive else fast_evaluator(network)
         self.rhs = rhs or self.compiled.rhs
         start, self.guard, residuals, self.fastest = Beginning.of(network, self.compiled)
         self.largest = OVERFLOW * max(float(np.abs(start).max(initial=0.0)), 1.0)
         self.recorder = Recorder(network)
         self.recorder.record(0.0, start, residuals)
+        if drive and backend.duration:
+            self.stepper: Stepper = DrivenStepper(drive, method, backend.duration)
+            return
         self.stepper = stepper_of(
             self.compiled,
             method,

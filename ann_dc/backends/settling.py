@@ -88,6 +88,16 @@ class Settling:
         return self.tolerance * self.confirm
 
 
+def settles(trajectory: Trajectory) -> bool:
+    """Return True if a network is at rest at the end of a run, by the default tolerance."""
+    return bool(trajectory.kkt[-1] < Settling().tolerance)
+
+
+def swings(trajectory: Trajectory) -> bool:
+    """Return True if a network is not at rest at the end, although its inputs are constant."""
+    return not (settles(trajectory) or trajectory.network.waveforms)
+
+
 def settling_time(trajectory: Trajectory, settling: Settling, exit: float | None = None) -> float:
     """Return the last exit of the residual and, if requested, of the controls.
 

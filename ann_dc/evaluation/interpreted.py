@@ -14,6 +14,7 @@ from ann_dc.evaluation.lane_clamps import LaneClamps, clamp_code
 from ann_dc.evaluation.pivots import clamped_derivative
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import Tape
+from ann_dc.network.cell import ONE
 from ann_dc.network.network import Network
 
 
@@ -50,6 +51,12 @@ class InterpretedEvaluator(Evaluator):
         The rows (inputs,) are those of `node_index`.
         """
         self.work.values[rows, 1:-1] = values
+
+    def load(self, values: np.ndarray) -> None:
+        """Replace all constant values (nodes, N + 2), of `tape.constant_values`."""
+        last = self.network.node_index[ONE]
+        self.work.values[:last] = values[:last]
+        self.work.values[:, 0] = values[:, 0]
 
     # ---- the contract ------------------------------------------------------------------------
 

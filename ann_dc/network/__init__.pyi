@@ -11,3 +11,4 @@ from .cell import (
 )
 from .duals import InequalityDual as InequalityDual
 from .network import Network as Network
+from .waveforms import Waveform as Waveform

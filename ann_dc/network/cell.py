@@ -88,6 +88,8 @@ class Neuron:
     ----------
     name : str
         ``population.component``, for instance ``mu.phi``.
+    role : Role
+        Part in the optimisation; ``STATE`` for a network wired by hand.
     tau : float or (N,) array
         Time constant in units of network time; positive.
     limiter : Limiter
@@ -130,6 +132,8 @@ class Product:
 
     Attributes
     ----------
+    name : str
+        Name of the node y.
     a, b : str
         Names of the factors: neurons, inputs or earlier blocks.
     """

@@ -39,9 +39,10 @@ from ann_dc.network.preconditioners.base import (
     Wires,
 )
 from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.network.waveforms import Waveform
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
-from ann_dc.validation import OrNan, Shape, checked
+from ann_dc.validation import Finite, OrNan, Shape, checked
 
 # ---- what a network is wired of, as a table of text: in one cell, and in all of them
 
@@ -121,6 +122,9 @@ class Network(Record):
         Title of the network.
     ranges : mapping of str to (float, float)
         Operating range of the inputs for which the network was designed, if any.
+    waveforms : mapping of str to Waveform
+        Inputs that change over time; ``inputs`` has their values at time zero. Runs of such a
+        network need a duration.
 
     Raises
     ------
@@ -155,6 +159,7 @@ class Network(Record):
     preconditioner: Preconditioner = field(default_factory=Diagonal)
     title: str = "network"
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    waveforms: Mapping[str, Waveform] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_text("title", self.title)
@@ -363,13 +368,13 @@ class Network(Record):
     # ---- other networks ----------------------------------------------------------------------
 
     @checked
-    def with_inputs(self, values: Mapping[str, float | np.ndarray]) -> Network:
+    def with_inputs(self, values: Mapping[str, float | np.ndarray | Waveform]) -> Network:
         """Return the network with other values of some inputs and unchanged wiring.
 
         Parameters
         ----------
-        values : mapping of str to float or (N,) array
-            Values by input name, for instance ``{"q_d.x": 3.0}``.
+        values : mapping of str to float, (N,) array or Waveform
+            Values by input name, for instance ``{"q_d.x": 3.0}``, constant or over time.
 
         Returns
         -------
@@ -391,8 +396,19 @@ class Network(Record):
         """
         for name in values:
             self.input_scale(name)  # an error where there is none
-        warn_outside(self.ranges, values)
-        return replace(self, inputs={**self.inputs, **values})
+        now = {n: v.at(0.0) if isinstance(v, Waveform) else v for n, v in values.items()}
+        warn_outside(self.ranges, now)
+        kept = {name: one for name, one in self.waveforms.items() if name not in values}
+        driven = {name: one for name, one in values.items() if isinstance(one, Waveform)}
+        return replace(self, inputs={**self.inputs, **now}, waveforms={**kept, **driven})
+
+    @checked
+    def at_time(self, time: Finite) -> Network:
+        """Return the network with the constant inputs of a network time."""
+        if not self.waveforms:
+            return self
+        values = {name: one.at(time) for name, one in self.waveforms.items()}
+        return replace(self, inputs={**self.inputs, **values}, waveforms={})
 
     @checked
     def with_start(self, x: OwnState) -> Network:

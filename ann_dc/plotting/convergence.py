@@ -99,7 +99,7 @@ def convergence(
     >>> [line.get_label() for line in figure.axes[0].lines][:2]
     ['RK45', 'Radau']
     """
-    if not runs:
+    if not len(runs):
         raise NetworkError("runs: expected at least one, got none")
     given = runs if isinstance(runs, Mapping) else {f"run {i}": r for i, r in enumerate(runs, 1)}
     known = {name: run.run if isinstance(run, Solution) else run for name, run in given.items()}

@@ -19,6 +19,7 @@ from ann_dc.backends.decay import decay_rate
 from ann_dc.backends.ode import COMPILED, OdeBackend
 from ann_dc.backends.overshoot import overshoot
 from ann_dc.backends.settling import Settling
+from ann_dc.backends.tracking import tracking_error as tracked
 from ann_dc.errors import StudyError
 from ann_dc.network.network import COORDINATION
 from ann_dc.study.records import Value
@@ -183,6 +184,15 @@ def control_error(sample: Sample) -> float:
     """
     right, size = sample.right_controls
     return float(np.abs(sample.controls - right).max() / size)
+
+
+@_metric("share of the size of the controls", curves=True)
+def tracking_error(sample: Sample) -> float:
+    """Return the rms control error against the optimum of the moment, over the run's second half.
+
+    The inputs of the network change over time. The optimum is that of the ideal network.
+    """
+    return tracked(sample.trajectory, ideal=sample.ideal[0]).rms
 
 
 @_metric("share of a range")

@@ -25,6 +25,7 @@ from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKi
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.stiffness import Stiffness
+from ann_dc.network.waveforms import HOLDS, Waveform
 from ann_dc.scale import Scale
 from ann_dc.weights.entries import Entries
 from ann_dc.weights.hashes import check_hashes
@@ -38,8 +39,8 @@ MAX_STAGES = 1_000_000
 
 KEYS = (
     "format schema title about stages neurons inputs blocks connections duals inequality_duals "
-    "objectives chains fixed omitted left_boundary start preconditioner shifted ranged tensors "
-    "hashes"
+    "objectives chains fixed omitted left_boundary start preconditioner shifted ranged "
+    "waveforms tensors hashes"
 )
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
@@ -70,6 +71,7 @@ def network_of(manifest: str, entries: Entries) -> Network:
         preconditioner=_preconditioner(table, entries, cell, stages),
         title=table.get("title", str),
         ranges=_ranges(table, entries, cell),
+        waveforms=_waveforms(table, entries, cell, stages),
     )
     if isinstance(network.preconditioner, Stiffness):
         with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
@@ -134,6 +136,23 @@ def _ranges(table: Table, entries: Entries, cell: Cell) -> dict[str, tuple[float
     rows = entries.array("range", (len(cell.inputs), 2), limits=True)
     ranges = {name: (float(low), float(high)) for name, (low, high) in zip(cell.inputs, rows)}
     return {name: ends for name, ends in ranges.items() if np.isfinite(ends).any()}
+
+
+def _waveforms(table: Table, entries: Entries, cell: Cell, stages: int) -> dict[str, Waveform]:
+    """Return the inputs over time; empty if all are constant."""
+    if not table.has("waveforms"):
+        return {}
+    found = {}
+    for name, hold in table.texts("waveforms").items():
+        if name not in cell.inputs or hold not in HOLDS:
+            raise FileFormatError(
+                f"manifest.waveforms: expected inputs, each with one of {', '.join(HOLDS)}, got "
+                f"{name!r}: {hold!r}"
+            )
+        times = entries.array(f"times/{name}", (None,))
+        values = entries.array(f"values/{name}", (len(times),), (len(times), stages))
+        found[name] = Waveform(times=times, values=values, hold=HOLDS[hold])
+    return found
 
 
 def _connections(table: Table, entries: Entries, stages: int) -> tuple[Connection, ...]:

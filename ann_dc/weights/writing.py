@@ -77,6 +77,8 @@ WORDS: dict[str, tuple[str, str, str]] = {
     "tau": ("time constant of neuron {}", "network time", "stage"),
     "weight": ("weight of connection {}", "network units of target over source", "stage"),
     "input": ("value of input {}", "the user's", "stage"),
+    "times": ("times of the samples of input {}", "network time", "sample"),
+    "values": ("samples of input {} over time", "the user's", "sample stage"),
     "start": ("initial state of neuron {}", "network units", "stage"),
     "limits": ("lower and upper saturation limit of every neuron", "network units", "neuron end"),
     "scale_factor": ("user's value of a state of 1, of every neuron", "the user's", "neuron"),
@@ -145,6 +147,8 @@ def manifest_of(network: Network) -> dict:
         table["shifted"] = 1
     if network.ranges:
         table["ranged"] = 1
+    if network.waveforms:
+        table["waveforms"] = {name: one.hold for name, one in sorted(network.waveforms.items())}
     return table
 
 
@@ -166,6 +170,8 @@ def arrays_of(network: Network) -> dict[str, object]:
     if network.ranges:
         open_ends = (-np.inf, np.inf)
         arrays["range"] = [network.ranges.get(name, open_ends) for name in cell.inputs]
+    for name, one in sorted(network.waveforms.items()):
+        arrays |= {f"times/{name}": one.times, f"values/{name}": one.values}
     return arrays | _preconditioner_arrays(network.preconditioner)
 
 
@@ -179,7 +185,7 @@ def words_of(network: Network, arrays: Mapping[str, object]) -> dict[str, dict]:
         first, _, rest = name.partition("/")
         description, unit, axes = WORDS[rest if first == "stiffness" else first]
         rho = f", {penalties[name]}" if name in penalties else ""
-        counted = axes.split() if np.ndim(values) else []  # type: ignore[arg-type]
+        counted = axes.split()[: np.ndim(values)]  # type: ignore[arg-type]
         table[name] = {"description": description.format(rest) + rho, "unit": unit, "axes": counted}
     return table
 

@@ -252,23 +252,30 @@ def stepper_of(
     solver = method.scipys
     solve = lambda counted: solver(counted, 0.0, start, ends.until, **options)  # noqa: E731
     if method.implicit and rhs is None:
-        solve = lambda counted: _limited(compiled, method, counted, ends.until)  # noqa: E731
+        solve = lambda counted: limited(compiled, method, counted, start, ends.until)  # noqa: E731
     return SciPyStepper(compiled, rhs or compiled.rhs, method, solve, ends.tolerance)
 
 
-def _limited(compiled: FastEvaluator, method: Method, rhs: Callable, until: float) -> LimitedSolver:
-    """Return an implicit SciPy solver that begins at the start of a network."""
+def limited(
+    compiled: FastEvaluator,
+    method: Method,
+    rhs: Callable,
+    start: np.ndarray,
+    until: float,
+    clock: Callable[[float], None] | None = None,
+) -> LimitedSolver:
+    """Return an implicit SciPy solver from a state (n,); the ``clock`` sets inputs to a time."""
     scipys, tolerances = method.scipys, {"rtol": method.rtol, "atol": method.atol}
 
     def solver(slope: Callable, jac: Callable, time: float, x: np.ndarray, end: float) -> Any:
         return scipys(slope, time, x, end, jac=jac, **tolerances)
 
-    jacobian = partial(_jacobian, compiled, method)
-    return LimitedSolver(compiled, solver, rhs, jacobian, compiled.network.start_state, until)
+    jacobian = partial(_jacobian, compiled, method, clock or (lambda _: None))
+    return LimitedSolver(compiled, solver, rhs, jacobian, start, until)
 
 
 def _jacobian(
-    compiled: FastEvaluator, method: Method, held: np.ndarray
+    compiled: FastEvaluator, method: Method, clock: Callable[[float], None], held: np.ndarray
 ) -> Callable[[float, np.ndarray], Any]:
     """Return d rhs / dx as a function of time and state for saturated neurons (n,)."""
     network, preconditioner = compiled.network, evaluator(compiled.network).preconditioner
@@ -277,7 +284,8 @@ def _jacobian(
             network.preconditioner.among(network.layout, held)(np.eye(len(held)))
         )
 
-    def by_state(_: float, x: np.ndarray) -> Any:
+    def by_state(time: float, x: np.ndarray) -> Any:
+        clock(time)
         jacobian = preconditioner @ compiled.drive_jacobian(x)
         if network.size <= DENSE_JACOBIAN or method.name == "LSODA":
             return jacobian.toarray()

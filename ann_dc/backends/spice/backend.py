@@ -17,6 +17,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.settling import settles, swings
 from ann_dc.backends.spice.circuit_run import (
     CircuitRun,
     check_full_scale,
@@ -28,7 +29,7 @@ from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.backends.spice.probe import fastest_rate, probed, settles, span_of
+from ann_dc.backends.spice.probe import fastest_rate, probed, span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -206,7 +207,7 @@ class SpiceBackend:
         """
         span = span_of(circuit, self.level, probe, self.duration)
         simulation = self.simulation or simulation_for(self.level)
-        if not settles(probe):
+        if swings(probe):
             points = math.ceil(POINTS * span.duration * fastest_rate(probe))
             simulation = replace(simulation, points=max(points, simulation.points))
         deck = deck_of(

@@ -22,21 +22,22 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.backends.curves import Curves, Tabulated
-from ann_dc.backends.settling import control_settling
+from ann_dc.backends.settling import control_settling, settles
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.probe import settles
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError, SpiceError, such_as
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
-from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.drive import Drive, values_over_time
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.rules import RESTING
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
+from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
 OVERLOAD = 0.95
@@ -216,9 +217,8 @@ def read_back(
     """
     network = circuit.schematic.network
     time, volts = _voltages(circuit, deck, raw)
-    states = _states(circuit, volts, len(time))
-    kernel = fast_evaluator(network)
-    residuals = np.array([kernel.residuals(x) for x in states])
+    states = _states(circuit, volts, time)
+    residuals = _residuals(network, time, states)
     nodes = _reached(circuit, volts, time * deck.timing.unit, datasheet or Datasheet())
     return CircuitRun(
         trajectory=Trajectory(
@@ -248,14 +248,26 @@ def _voltages(circuit: Circuit, deck: Deck, raw: Raw) -> tuple[np.ndarray, Volta
     return time, sampled
 
 
-def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
+def _residuals(network: Network, time: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Return both residuals (T, 2) at states (T, n), with the inputs of their times."""
+    if not network.waveforms:
+        kernel = fast_evaluator(network)
+        return np.array([kernel.residuals(x) for x in states])
+    drive, found = Drive(InterpretedEvaluator(network)), []
+    for now, x in zip(time, states):
+        drive(float(now))
+        found.append(drive.evaluator.residuals(np.ascontiguousarray(x)))
+    return np.array(found)
+
+
+def _states(circuit: Circuit, volts: Voltages, time: np.ndarray) -> np.ndarray:
     """Return states (T, n): q, u, t from their nodes; mu = m - rho c from all nodes."""
-    network, scaling = circuit.schematic.network, circuit.scaling
+    network, scaling, count = circuit.schematic.network, circuit.scaling, len(time)
     values = np.repeat(network.unpack(np.zeros(network.size))[None], count, axis=0)
     for (name, stage), across in volts.items():
         if name in network.neuron_index:
             values[:, network.neuron_index[name], stage] = scaling.value(name, across)
-    known = evaluator(network).values(network.pack(values))[..., 1:-1]
+    known = values_over_time(network, time, network.pack(values))
     rectified = (*network.cell.inequality_duals, *network.cell.objectives)
     before = {dual.multiplier: dual.sum for dual in rectified}
     for part in circuit.schematic.parts:

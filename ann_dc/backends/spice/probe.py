@@ -21,6 +21,7 @@ import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.settling import settles
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
@@ -56,11 +57,6 @@ class Probed:
     trajectory: Trajectory
     rate: float
     scaling: Scaling
-
-
-def settles(probe: Trajectory) -> bool:
-    """Return True if the ideal network is at rest at the end of its run."""
-    return bool(probe.kkt[-1] < PROBE.settling.tolerance)
 
 
 def probed(

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.backends.settling import settles
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.deck import Deck
-from ann_dc.backends.spice.probe import settles
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import cached_on
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError

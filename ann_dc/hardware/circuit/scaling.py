@@ -30,6 +30,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.evaluation.drive import values_over_time
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Wire, plain_sums
 from ann_dc.hardware.schematic.preconditioner_wiring import (
@@ -183,7 +184,7 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
     """
     rules = rules or ScalingRules()
     states, times = probe.states, probe.times
-    values = evaluator(network).values(states)[..., 1:-1]
+    values = values_over_time(network, times, states)
     names = list(network.node_index)
     peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
     peaks |= {

@@ -15,6 +15,7 @@ from ann_dc.backends.spice.netlist.timing import (
     Simulation,
     Timing,
     control_cards,
+    pwl_card,
     simulation_for,
     timing_of,
 )
@@ -141,7 +142,7 @@ def deck_of(
     place = place_of(level, library, mismatch)
     larger = [f".param area={level.area:.9g}"] if level.area != 1 else []
     figures = [f".param {name}={value:.9g}" for name, value in sorted(level.parameters.items())]
-    sources = [f"V_{n} {n} 0 {number(nodes.sources[n])}" for n in used if n in nodes.sources]
+    sources = [_source(nodes, n, timing) for n in used if n in nodes.sources]
     return Deck(
         head=_head(nodes, level),
         models=(*figures, *place.before, *library.values(), *place.behind, *larger, *curves),
@@ -154,6 +155,16 @@ def deck_of(
         timing=timing,
         parts=parts_of(kinds, inner),
     )
+
+
+def _source(nodes: Nodes, node: str, timing: Timing) -> str:
+    """Return the card of a constant source, or of one that follows an input over time."""
+    if node not in nodes.driven:
+        return f"V_{node} {node} 0 {number(nodes.sources[node])}"
+    source, stage, per_value = nodes.driven[node]
+    waveform, scale = nodes.network.waveforms[source], nodes.network.input_scale(source)
+    values = np.broadcast_to(waveform.values.T, (nodes.network.stages, len(waveform.times)))[stage]
+    return pwl_card(node, waveform, per_value * scale.network(values), timing)
 
 
 def _deviations(circuit: Circuit, level: Level, given: Deviations) -> dict[str, np.ndarray]:

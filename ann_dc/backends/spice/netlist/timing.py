@@ -14,6 +14,7 @@ from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.errors import require_positive, such_as
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import SwitchedCapacitors, Technology
+from ann_dc.network.waveforms import Waveform
 from ann_dc.validation import checked
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
@@ -98,6 +99,36 @@ def reset_card(release: float) -> str:
     The switches open at half of 5 V, at ``release`` in seconds.
     """
     return f"V_rst rst 0 PWL(0 5 {number(0.9 * release)} 5 {number(1.1 * release)} 0)"
+
+
+JUMP = 1e-4
+"""Duration of a jump of an input, relative to the shortest time between two samples."""
+
+
+def pwl_card(node: str, waveform: Waveform, volts: np.ndarray, timing: Timing) -> str:
+    """Return the source of an input over time, whose samples are ``volts`` (K,).
+
+    Network time zero is the opening of the reset switches. A sample that is held until the next one
+    jumps within `JUMP` of the shortest interval.
+    """
+    times = waveform.times
+    if waveform.hold == "previous" and len(times) > 1:
+        late = times[1:] + JUMP * np.diff(times).min()
+        order = np.argsort(np.concatenate([times, late]), kind="stable")
+        before = np.concatenate([volts[:1], volts[:-1]])
+        times = np.concatenate([times, late])[order]
+        volts = np.concatenate([before, volts[1:]])[order]
+    first = np.interp(0.0, times, volts)
+    later = times > 0
+    seconds = timing.release + timing.unit * times[later]
+    pairs = [f"0 {number(first)}", f"{number(timing.release)} {number(first)}"]
+    pairs += [f"{number(s)} {number(v)}" for s, v in zip(seconds, volts[later])]
+    lines = [" ".join(pairs[k : k + PAIRS]) for k in range(0, len(pairs), PAIRS)]
+    return f"V_{node} {node} 0 PWL(" + "\n+ ".join(lines) + ")"
+
+
+PAIRS = 4
+"""Number of samples on a line of a source."""
 
 
 def timing_of(built: Technology, time_scale: float, duration: float, points: int) -> Timing:

@@ -29,24 +29,29 @@ SOURCE = "src__"
 
 
 class Nodes:
-    """Node names of one circuit, with the volts of every constant ``sources`` in use."""
+    """Node names of one circuit, with the volts of every input and constant in use.
+
+    ``sources`` has the volts at time zero by node, and ``driven`` the input and the volts per unit
+    of its node's value, for nodes that follow an input over time.
+    """
 
     def __init__(self, circuit: Circuit) -> None:
         self.circuit, self.alias = circuit, circuit.alias
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
         self.network = circuit.schematic.network
         self.sources: dict[str, float] = {}
+        self.driven: dict[str, tuple[str, int, float]] = {}
 
     def node(self, name: str, stage: int, sign: int) -> str:
         """Return the top-level node of ``sign`` times the value of a part, pin or input."""
         name = self.schematic.carrier(name)
         if name in self.network.cell.inputs or name == ONE:
-            value = 1.0 if name == ONE else self._given(name, stage)
-            return self._source(name, stage, sign * self.scaling.volts(name, value))
+            if name != ONE:
+                return self._source(name, stage, sign, name)
+            return self._constant(name, stage, sign * self.scaling.volts(name, 1.0))
         pinned = self.schematic.pins.get((name, stage))
         if pinned is not None:
-            volts = self.scaling.volts(name, self._given(pinned, stage))
-            return self._source(name, stage, sign * volts)
+            return self._source(name, stage, sign, pinned)
         if not self.schematic.alive(name, self.schematic.cell_of(name, stage)):
             return "0"
         plain = self.alias[name] + (BUS if name in self.schematic.shared else f"__{stage}")
@@ -66,6 +71,9 @@ class Nodes:
         other = node.removesuffix(NEGATIVE) if node.endswith(NEGATIVE) else node + NEGATIVE
         if node.startswith(SOURCE):
             self.sources[other] = -self.sources[node]
+            if node in self.driven:
+                source, stage, per_value = self.driven[node]
+                self.driven[other] = source, stage, -per_value
         return other
 
     def plain(self, node: str) -> str:
@@ -87,13 +95,20 @@ class Nodes:
         entering = self.network.left_boundary.get(wire.source) if where < 0 else None
         if entering is None:
             return "0"
-        volts = self.scaling.volts(wire.source, self._given(entering, 0))
-        return self._source(wire.source, where, sign * volts)
+        return self._source(wire.source, where, sign, entering)
 
-    def _given(self, name: str, stage: int) -> float:
-        return float(self.network.input_values[name][stage])
+    def _source(self, name: str, stage: int, sign: int, source: str) -> str:
+        """Return the node of ``sign`` times a node that has the value of an input at a stage."""
+        place = max(stage, 0)
+        per_value = sign * self.scaling.volts(name, 1.0)
+        volts = per_value * float(self.network.input_values[source][place])
+        if source not in self.network.waveforms:
+            return self._constant(name, stage, volts)
+        node = f"{SOURCE}{self.alias[name]}__{stage}" + (NEGATIVE if sign < 0 else "")
+        self.sources[node], self.driven[node] = volts, (source, place, per_value)
+        return node
 
-    def _source(self, name: str, stage: int, volts: float) -> str:
+    def _constant(self, name: str, stage: int, volts: float) -> str:
         node = f"{SOURCE}{self.alias[name]}__{stage}" + (NEGATIVE if volts < 0 else "")
         self.sources[node] = volts
         return node

@@ -1,0 +1,85 @@
+"""Stepper of a network whose inputs change over time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple, final
+
+import numpy as np
+
+from ann_dc.backends.integration.drawing import Pieces, take_step, within_limits
+from ann_dc.backends.integration.methods import DOP853, Between, Method
+from ann_dc.backends.integration.steppers import Stepper, Steps, limited
+from ann_dc.evaluation.drive import Drive, breakpoints
+
+
+class _Piece(NamedTuple):
+    """Polynomial of a step whose time begins at a breakpoint; ``t`` is its end in network time."""
+
+    began: float
+    t: float
+    inside: Callable[[np.ndarray], np.ndarray]
+
+    def __call__(self, times: np.ndarray) -> np.ndarray:
+        """Return the states (n, K) at network times (K,)."""
+        return self.inside(times - self.began)
+
+
+@final
+class DrivenStepper(Stepper):
+    """SciPy solvers from breakpoint to breakpoint of the inputs, between which these are smooth."""
+
+    def __init__(self, drive: Drive, method: Method, duration: float) -> None:
+        self._drive, self._compiled = drive, drive.evaluator
+        network = self._compiled.network
+        self._method = method if method.rows is None else replace(method, solver=DOP853.solver)
+        self.time, self.state = 0.0, network.start_state
+        self._ends = breakpoints(network, duration)[1:].tolist()
+        self._pieces: list[_Piece] = []
+        self._begin()
+
+    @property
+    def between(self) -> Between:
+        """Polynomials of the steps."""
+        return Pieces(pieces=self._pieces, compiled=self._compiled)
+
+    def _begin(self) -> None:
+        """Start at a breakpoint, with a time of its own, up to just before the next one."""
+        self._began, self._until = self.time, self._ends.pop(0)
+        length = self._until - self._began
+        self._set(0.0)
+        method, start = self._method, self.state
+        if method.implicit:
+            self._solver: Any = limited(
+                self._compiled, method, self._slope, start, length, self._set
+            )
+        else:
+            options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
+            self._solver = method.scipys(self._slope, 0.0, start, length, **options)
+
+    def _set(self, time: float) -> None:
+        """Set the inputs to a time since the last breakpoint, before the next one."""
+        self._drive(min(self._began + time, float(np.nextafter(self._until, 0.0))))
+
+    def _slope(self, time: float, x: np.ndarray) -> np.ndarray:
+        self.evaluations += 1
+        self._set(time)
+        return self._compiled.rhs(x)
+
+    def steps(self, most: int) -> Steps:
+        """Take one step; return no row if it fails."""
+        message = take_step(self._solver, self._method, self._compiled, np.inf)
+        if self._solver.status == "failed":
+            self.failed = message or "the method failed"
+            return np.empty(0), np.empty((0, 2)), np.empty((0, self.state.size))
+        is_over, inside = self._solver.status == "finished", self._solver.dense_output()
+        self._pieces.append(_Piece(self._began, self._began + inside.t, inside))
+        self.time = self._until if is_over else self._began + float(self._solver.t)
+        self.state = within_limits(self._compiled, self._solver.y)
+        self._set(float(self._solver.t))
+        residuals = self._compiled.residuals(self.state)
+        self.at_end = is_over and not self._ends
+        if is_over and self._ends:
+            self._begin()
+        return np.array([self.time]), np.array([residuals]), np.array([self.state])

@@ -1,0 +1,100 @@
+"""Inputs over time: samples with linear interpolation or zero-order hold."""
+
+from __future__ import annotations
+
+import csv
+import os
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ann_dc.errors import NetworkError, OutputError, UnknownNameError, such_as
+from ann_dc.validation import Finite, checked
+
+Hold: TypeAlias = Literal["linear", "previous"]
+HOLDS: dict[str, Hold] = {"linear": "linear", "previous": "previous"}
+"""Interpolations by name."""
+
+
+@such_as("ann_dc.Waveform(times=[0.0, 10.0], values=[1.0, 2.0])")
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Waveform:
+    """Input as a function of network time.
+
+    The first value applies before the first time, and the last one after the last time.
+
+    Attributes
+    ----------
+    times : (K,) array
+        Increasing network times of the samples.
+    values : (K,) or (K, N) array
+        Values in the user's units, the same for all stages or one per stage.
+    hold : {"linear", "previous"}
+        Interpolation: linear, or the previous sample (zero-order hold). Default linear.
+
+    Raises
+    ------
+    NetworkError
+        If times do not increase, sizes differ, or a number is not finite.
+
+    Examples
+    --------
+    >>> ramp = Waveform(times=[0.0, 10.0], values=[1.0, 3.0])
+    >>> float(ramp.at(5.0)), float(ramp.at(99.0))
+    (2.0, 3.0)
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+    hold: Hold = "linear"
+
+    def __post_init__(self) -> None:
+        times, values = (np.array(given, float) for given in (self.times, self.values))
+        if times.ndim != 1 or not len(times) or not (np.diff(times) > 0).all():
+            raise NetworkError("waveform: expected increasing times (K,)")
+        if values.ndim not in (1, 2) or len(values) != len(times):
+            raise NetworkError(
+                f"waveform: expected values ({len(times)},) or ({len(times)}, N), one per time, "
+                f"got {values.shape}"
+            )
+        if not (np.isfinite(times).all() and np.isfinite(values).all()):
+            raise NetworkError("waveform: a time or value is not finite")
+        for name, array in (("times", times), ("values", values)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_csv(
+        cls, path: str | os.PathLike[str], column: str, time: str = "time", hold: Hold = "linear"
+    ) -> Waveform:
+        """Read a column of a CSV file with a header, and the column of its times.
+
+        Raises `UnknownNameError` if a column does not exist, `NetworkError` if a cell is no number,
+        and `OutputError` if the file cannot be read.
+        """
+        try:
+            with open(path, encoding="utf-8", newline="") as file:
+                rows = list(csv.DictReader(file))
+        except OSError as error:
+            raise OutputError(f"{os.fspath(path)}: cannot be read: {error}") from error
+        found = []
+        for name in (time, column):
+            if not rows or name not in rows[0]:
+                raise UnknownNameError.of("column", name, list(rows[0]) if rows else [])
+            try:
+                found.append([float(row[name]) for row in rows])
+            except (TypeError, ValueError) as error:
+                raise NetworkError(f"{os.fspath(path)}, column {name}: {error}") from error
+        return cls(times=np.array(found[0]), values=np.array(found[1]), hold=hold)
+
+    @checked
+    def at(self, time: Finite) -> np.ndarray:
+        """Return the value at a network time: one number, or one per stage (N,)."""
+        times, values = self.times, self.values
+        last = int(np.searchsorted(times, time, side="right")) - 1
+        if last < 0 or last == len(times) - 1 or self.hold == "previous":
+            return values[max(last, 0)]
+        share = (time - times[last]) / (times[last + 1] - times[last])
+        return (1.0 - share) * values[last] + share * values[last + 1]

@@ -1,0 +1,130 @@
+"""Runs with inputs over time, against closed forms and the optimum of every moment."""
+
+import numpy as np
+import pytest
+from simulator import needs_ngspice
+
+import ann_dc
+from ann_dc import Waveform
+from ann_dc.backends import ode, tracking_error
+from ann_dc.errors import NetworkError
+from ann_dc.network import Cell, Connection, Network, Neuron
+
+RAMP = Waveform(times=[0.0, 2.0, 3.0], values=[0.0, 2.0, 2.0])
+HELD = Waveform(times=[0.0, 2.0, 3.0], values=[1.0, -1.0, 0.5], hold="previous")
+
+
+def low_pass(waveform):
+    """x' = u(t) - x from 0."""
+    wires = Connection(source="x", target="x", weight=-1.0), Connection(source="u", target="x")
+    cell = Cell(neurons=(Neuron(name="x"),), inputs=("u",), connections=wires)
+    network = Network(cell=cell, stages=1, inputs={"u": 0.0}, title="low-pass")
+    return network.with_inputs({"u": waveform})
+
+
+def ramped(t):
+    late = 2 + (np.exp(-2.0) - 1) * np.exp(-(t - 2))
+    return np.where(t < 2, t - 1 + np.exp(-t), late)
+
+
+def held(t):
+    x, begins = np.zeros_like(t), (0.0, 2.0, 3.0)
+    for begin, end, level in zip(begins, (2.0, 3.0, np.inf), HELD.values):
+        spent = np.clip(np.minimum(t, end) - begin, 0, None)
+        x = level + (x - level) * np.exp(-spent)
+    return x
+
+
+EXACT = {"ramp": (RAMP, ramped), "held": (HELD, held)}
+
+
+@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("method", ode.METHODS.values(), ids=lambda method: method.name)
+def test_every_method_follows_the_closed_form(method, name):
+    waveform, exact = EXACT[name]
+    run = ann_dc.OdeBackend(method=method, duration=5.0).run(low_pass(waveform))
+    trajectory = run.trajectory
+    assert trajectory.time[-1] == 5.0
+    np.testing.assert_allclose(trajectory["x"][:, 0], exact(trajectory.time), atol=1e-5)
+    grid = np.linspace(0, 5, 101)
+    np.testing.assert_allclose(trajectory.at(grid)[:, 0], exact(grid), atol=1e-4)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("name", EXACT)
+def test_circuits_follow_the_closed_form(name):
+    waveform, exact = EXACT[name]
+    backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(), duration=5.0)
+    run = backend.run(low_pass(waveform))
+    found = run.trajectory
+    np.testing.assert_allclose(found["x"][:, 0], exact(found.time), atol=5e-4)
+
+
+def circling(network, duration, count=41):
+    """The car's target moves half a metre around (5, 5)."""
+    times = np.linspace(0.0, duration, count)
+    angle = 2 * np.pi * times / duration
+    return network.with_inputs(
+        {
+            "q_d.x": Waveform(times=times, values=5 + 0.5 * np.cos(angle)),
+            "q_d.y": Waveform(times=times, values=5 + 0.5 * np.sin(angle)),
+        }
+    )
+
+
+@needs_ngspice
+def test_a_car_follows_its_target_alike_in_the_ode_and_in_ngspice():
+    network = ann_dc.design(
+        ann_dc.plants.car(), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
+    ).network
+    moving = circling(network, 800.0)
+    ideal = tracking_error(ann_dc.OdeBackend(duration=800.0).run(moving).trajectory, samples=40)
+    backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(), duration=800.0)
+    built = tracking_error(backend.run(moving).trajectory, samples=40)
+    assert 1e-3 < ideal.rms < 0.02
+    assert built.rms == pytest.approx(ideal.rms, rel=0.01)
+    np.testing.assert_allclose(built.error[20:], ideal.error[20:], rtol=0.02)
+
+
+def test_a_slower_target_is_followed_more_closely():
+    network = ann_dc.design(ann_dc.plants.car()).network
+    errors = [
+        tracking_error(
+            ann_dc.OdeBackend(duration=t).run(circling(network, t)).trajectory, samples=20
+        ).rms
+        for t in (200.0, 800.0)
+    ]
+    assert errors[1] == pytest.approx(errors[0] / 4, rel=0.3)
+
+
+def test_a_moving_start_is_followed_as_well():
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
+    start = Waveform(times=[0.0, 500.0], values=[0.0, 0.3])
+    run = ann_dc.OdeBackend(duration=500.0).run(network.with_inputs({"q_0.x": start}))
+    assert tracking_error(run.trajectory, samples=10).rms < 1e-2
+
+
+def test_a_study_measures_the_tracking_error():
+    network = circling(ann_dc.design(ann_dc.plants.car()).network, 400.0)
+    study = ann_dc.Study(
+        subject=network,
+        vary={"nonideal.leak": [1e9, 30.0]},
+        fixed={"run.duration": 400.0},
+        metrics=["tracking_error"],
+        curves=50,
+    )
+    right, leaky = study.run(workers=0)["tracking_error"]
+    assert right < 0.03 < leaky
+
+
+@pytest.mark.parametrize(
+    ("run", "named"),
+    [
+        (lambda n: ann_dc.OdeBackend().run(n), "duration: low-pass has inputs over time, of u"),
+        (lambda n: ann_dc.OdeBackend(duration=1.0).run_batch(n, {}), "inputs: u change over time"),
+        (lambda n: ann_dc.RecurrentBackend().run(n), "inputs: u change over time"),
+    ],
+)
+def test_what_cannot_follow_says_so(run, named):
+    with pytest.raises(NetworkError, match=named):
+        run(low_pass(RAMP))
