@@ -77,6 +77,8 @@ def test_oscillator_without_duration_is_told_to_give_one(van_der_pol):
     assert "give --duration T" in text
     refused(["run", van_der_pol, "--level", "macro"], "--duration T")
     refused(["export", van_der_pol, "--to", "pack"], "--duration T")
+    words = ["--duration", 1, "--level", "switched-capacitor"]
+    refused(["run", van_der_pol, *words], "where a mode of this network grows; take macro")
 
 
 def test_oscillator_is_exported_for_a_duration(tmp_path, van_der_pol):
