@@ -7,7 +7,7 @@ States between steps are computed only when they are read.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -134,6 +134,18 @@ class Trajectory(Record, Tabulated):
         is_known = known[last] == times
         found[is_known] = states[last[is_known]]
         return found
+
+    def sampled(self, count: int = SAMPLES // 2) -> Trajectory:
+        """Return the trajectory with more samples, at ``count`` equal intervals.
+
+        They suit smooth curves and extrema. A trajectory of which only rows are known is returned
+        unchanged; see `at`.
+        """
+        if not self.is_dense:
+            return self
+        between = np.linspace(self.known[0][0], self.known[0][-1], count + 1)
+        time = np.union1d(self.time, between)
+        return replace(self, time=time, states=self.at(time))
 
     @property
     def final(self) -> np.ndarray:

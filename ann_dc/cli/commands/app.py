@@ -33,6 +33,7 @@ COMMANDS = {
     "coordinate": "coordinate",
     "circuit": "circuit",
     "ladder": "levels",
+    "run": "run",
     "navigate": "navigate",
     "study": "study",
     "report": "study",

@@ -14,6 +14,7 @@ from ann_dc.cli.arguments.options import (
     timed,
 )
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
+from ann_dc.cli.arguments.saved_network import is_network
 from ann_dc.cli.arguments.words import (
     LevelOptions,
     MarginOption,
@@ -113,6 +114,7 @@ def circuit(
     place: PlaceOptions,
     board: BoardOptions,
     files: CircuitFiles,
+    duration: float | None = option("Refused, with the command to use.", hidden=True),
     quiet: QuietOption = False,
 ) -> None:
     """Build the network as a circuit, predict, simulate and compare with the optimum.
@@ -153,9 +155,10 @@ def circuit(
     Exit code 1: otherwise. Exit code 2: bad input, an unstable circuit,
     ngspice not found, or unwritable output.
 
-    Comparison of all levels: ann-dc ladder.
+    Comparison of all levels: ann-dc ladder. Networks in files: ann-dc run.
     """
     with progress_line(quiet) as progress:
+        _check_problem(problem.problem, level.level, duration)
         declared = problem.declared()
         files.make_room(study.simulated)
         board.check(_of_one_circuit(build, study, files, board), level.level)
@@ -201,6 +204,21 @@ def circuit(
                 report = CircuitReport(problem=declared, backend=backend, found=found)
         tables, written = report.tables(), report.write(**files.given())
     finish(tables, written, quiet=quiet, code=0 if report.good else 1)
+
+
+def _check_problem(word: str, level: str, duration: float | None) -> None:
+    """Raise `ProblemError` with the command to use for a network, or for a --duration."""
+    end = " --duration T, or without --duration if it settles"
+    if is_network(word):
+        raise ProblemError(
+            f"{word}: a network in a file runs as a circuit with: ann-dc run {word} --level "
+            f"{level}{end}"
+        )
+    if duration is not None:
+        raise ProblemError(
+            f"--duration: the circuit of a problem runs until it settles; leave it out, or save "
+            f"the network (ann-dc solve {word} --save DIR): ann-dc run DIR --level {level}{end}"
+        )
 
 
 def _of_one_circuit(

@@ -12,13 +12,16 @@ import typer
 
 from ann_dc.cli.arguments.options import QuietOption, argument, option, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of, pairs_of
+from ann_dc.cli.arguments.saved_network import (
+    DurationOption,
+    check_duration,
+    is_network,
+    saved_network,
+)
 from ann_dc.cli.arguments.words import KINDS, preconditioner_of
 from ann_dc.cli.terminal import console, finish, notes, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.progress import Progress
-
-NETWORKS = (".npz", ".safetensors")
-"""File name extensions of a PROBLEM that is already a network."""
 
 
 def _list_formats(wanted: bool) -> None:
@@ -53,6 +56,7 @@ def export(
         metavar="KIND",
         show_default="diagonal",
     ),
+    duration: DurationOption = None,
     formats: bool = option(
         "List the formats, what each carries, and its settings; needs no PROBLEM.",
         "--formats",
@@ -72,6 +76,9 @@ def export(
     allows the recipient to verify the result, and an index with hashes. Every
     result is checked before it is written, and the check is reported.
 
+    Circuits and integers are scaled by a run that lasts until the network
+    settles. A network that does not settle needs the --duration of this run.
+
     If a format cannot represent a network, the nodes concerned are named.
     With several formats the others are still written.
 
@@ -82,6 +89,7 @@ def export(
       ann-dc export car --to c99,hdl --with bits=16
       ann-dc export car --to pack --with level=opa192_ad734
       ann-dc export network.npz --to all
+      ann-dc export oscillator.npz --to pack --duration 30
       ann-dc inspect out/car
 
     Exit code: 0 written, 1 some formats cannot represent the network,
@@ -90,10 +98,11 @@ def export(
     with notes(quiet), progress_line(quiet) as progress:
         from ann_dc.export.exporting import export_network, settings_from
 
+        check_duration(duration)
         names = [name.strip() for names in to or ["weights"] for name in names.split(",")]
         settings = settings_from(names, pairs_of(given or (), "--with", "bits=16"))
         network = _network(problem, preconditioner, progress)
-        done = export_network(network, names, out, progress=progress, **settings)
+        done = export_network(network, names, out, duration=duration, progress=progress, **settings)
     for each in done:
         console(quiet=quiet).print(_sentence(each), soft_wrap=True)
     raise typer.Exit(1 if any(each.why_not for each in done) else 0)
@@ -109,42 +118,19 @@ def _sentence(done: Any) -> str:
 
 def _network(problem: ProblemOptions, preconditioner: str | None, progress: Progress) -> Any:
     """Return the network of a weight file or folder, or design one for a problem."""
-    from ann_dc.problem import plants
-
-    place = Path(problem.problem)
-    if problem.problem not in plants.names() and (place.suffix in NETWORKS or place.is_dir()):
+    if is_network(problem.problem):
         if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, preconditioner)):
             raise ProblemError(
                 f"{problem.problem}: a network stays as it was designed; leave out --set, "
                 "--horizon, --q-0, --q-d and --metric"
             )
-        return _saved(place)
+        return saved_network(problem.problem)
     declared, kind = problem.declared(), preconditioner_of(preconditioner or "diagonal")
 
     from ann_dc.cli.arguments.building import network_to_build
 
     with arithmetic_of(declared):
         return network_to_build(declared, kind, simulated=False, progress=progress)
-
-
-def _saved(place: Path) -> Any:
-    from ann_dc.export.index import INDEX, exported_network
-
-    if (place / INDEX).is_file():
-        return exported_network(place)
-    if next(place.glob(f"*/{INDEX}"), None):
-        raise ProblemError(
-            f"{place} has exports in it, and a network is read from one to weights: give "
-            f"{place / 'weights'}, a weight file, or the problem"
-        )
-    if place.is_dir():
-        from ann_dc.solution.loading import load_solution
-
-        return load_solution(place).network
-
-    from ann_dc.weights.network_file import load
-
-    return load(place)
 
 
 @timed

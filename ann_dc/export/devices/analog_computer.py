@@ -155,7 +155,7 @@ def _peaks(network: Network, elements: Sequence[Element], duration: float | None
     if run.status.outcome not in (Outcome.SETTLED, Outcome.COMPLETED):
         raise ExportError(
             f"{network.title}: {run.status}; ranges are read off a run in continuous time, so "
-            "design the network first, or give the duration of a run"
+            "design the network first, or give the duration of a run (duration=T or --duration T)"
         )
     machine, states = Machine(elements), run.trajectory.states
     chosen = np.unique(np.linspace(0, len(states) - 1, SAMPLES).astype(int))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ann_dc.analysis.spectra import stability_limit
+from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.foundry import SKY130
 from ann_dc.hardware.parts.levels import (
@@ -72,4 +73,9 @@ def level_words() -> dict[str, LevelWord]:
 
 def _switched(network: Network, *, a0: float = 1e6, **op_amps: float) -> Level:
     step = STEP * stability_limit(network, network.start_state)
+    if not step > 0:
+        raise NetworkError(
+            "level: expected another than switched-capacitor, whose clock is taken from the "
+            "stability limit at the start, where a mode of this network grows; take macro"
+        )
     return switched_capacitor(step=step, a0=a0, **op_amps)

@@ -1,0 +1,174 @@
+"""``ann-dc run``: run of a saved or hand-wired network, in the ODE or as a circuit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ann_dc.cli.arguments.options import (
+    CurvesOption,
+    JsonOption,
+    QuietOption,
+    argument,
+    option,
+    timed,
+)
+from ann_dc.cli.arguments.problem import number_of, pairs_of
+from ann_dc.cli.arguments.saved_network import (
+    DurationOption,
+    check_duration,
+    is_network,
+    saved_network,
+)
+from ann_dc.cli.arguments.words import LEVELS, LevelOptions, level_of, named
+from ann_dc.cli.terminal import finish, notes, progress_line
+from ann_dc.errors import ProblemError
+from ann_dc.progress import Progress
+from ann_dc.report.json_file import make_room
+
+ODE = "ode"
+"""Model that is not a circuit: the equations of the network."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions(LevelOptions):
+    """Model of the network: its ODE, or a circuit in ngspice."""
+
+    level: str = option(
+        f"ode (the ideal network), or the model level of a circuit in ngspice: {LEVELS}",
+        default=ODE,
+        metavar="LEVEL",
+    )
+    bandwidth_margin: float | None = option(
+        "Bandwidth of a circuit's parts over that of the network's fastest mode.",
+        metavar="K",
+        show_default="10; 100,000 if the network does not settle",
+    )
+    method: str | None = option(
+        "Integrator of the ODE: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
+        metavar="METHOD",
+        show_default="compiled",
+    )
+
+    @property
+    def is_circuit(self) -> bool:
+        """True if the network runs as a circuit."""
+        return self.level.lower() != ODE
+
+    def check(self) -> None:
+        """Raise `ProblemError` for an option that the model does not have."""
+        if self.is_circuit and self.method is not None:
+            raise ProblemError("--method: integrates the ODE; leave it out, or --level")
+        circuit = {**self.op_amps(), "area": self.area, "bandwidth-margin": self.bandwidth_margin}
+        for name, value in circuit.items():
+            if not self.is_circuit and value is not None:
+                raise ProblemError(f"--{name}: belongs to a circuit; add --level macro")
+
+
+@timed
+def run(
+    *,
+    network: str = argument(
+        "A weight file (.npz, .safetensors), an export to weights, or the folder of a saved "
+        "solution.",
+        metavar="NETWORK_FILE",
+    ),
+    duration: DurationOption = None,
+    inputs: list[str] | None = option(
+        "Value of an input in all cells, or N values with commas. Repeatable.",
+        "--input",
+        metavar="NAME=VALUE",
+    ),
+    model: ModelOptions,
+    figure: Path | None = option(
+        "Draw every neuron over time (.png, .svg, .pdf).", "--figure", metavar="FILE"
+    ),
+    curves: CurvesOption = None,
+    json_file: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Run a saved network, designed or wired by hand: its ODE, or a circuit.
+
+    The network starts from its saved initial state and runs until it settles,
+    or for the --duration given: an oscillator or a chaotic network never
+    settles. With --level it is built as a circuit, simulated in ngspice from
+    reset, and compared with the ODE. Circuits are scaled by the run of the
+    ODE. Write a network wired in Python with ann_dc.save(network, FILE).
+
+    Usage examples:
+
+      ann-dc run network.npz
+      ann-dc run network.npz --input q_d.x=3 --curves out/moved.csv
+      ann-dc run oscillator.npz --duration 30 --figure out/oscillator.png
+      ann-dc run oscillator.npz --duration 30 --level macro --json out/macro.json
+      ann-dc run stiff.npz --method Radau
+      ann-dc export oscillator.npz --to pack --duration 30
+
+    Exit code: 0 settled, or the duration completed; 1 neither; 2 bad input, a
+    circuit that cannot be built, ngspice not found, or unwritable output.
+    """
+    with notes(quiet), progress_line(quiet) as progress:
+        check_duration(duration)
+        model.check()
+        if curves is not None:
+            from ann_dc.backends.curves import check_curves_file
+
+            check_curves_file(curves)
+        for file in (figure, curves, json_file):
+            make_room(file)
+        found = _with_inputs(_network(network), inputs or [])
+
+        from ann_dc.report.network_run import NetworkRunReport
+
+        backend, name = _backend(model, found, duration, progress)
+        done = backend.run(found)
+        report = NetworkRunReport(network=found, run=done, model=name, duration=duration)
+        tables, written = report.tables(), report.write(figure, curves, json_file)
+    finish(tables, written, quiet=quiet, code=0 if report.good else 1)
+
+
+def _network(word: str):
+    """Return the network of NETWORK_FILE."""
+    if not is_network(word):
+        raise ProblemError(
+            f"NETWORK_FILE: expected a weight file (.npz, .safetensors) or the folder of an export "
+            f"to weights, got {word!r}; a plant or a .toml problem is run by: ann-dc solve {word}"
+        )
+    return saved_network(word)
+
+
+def _with_inputs(network: Any, given: list[str]):
+    """Return the network with the values of --input."""
+    values = {}
+    for name, text in pairs_of(given, "--input", "load=0.5").items():
+        numbers = [number_of(f"--input {name}", word.strip()) for word in text.split(",")]
+        if len(numbers) not in (1, network.stages):
+            raise ProblemError(
+                f"--input {name}: expected 1 or {network.stages} numbers, got {text!r}"
+            )
+        values[name] = numbers[0] if len(numbers) == 1 else numbers
+    return network.with_inputs(values) if values else network
+
+
+def _backend(model: ModelOptions, network: Any, duration: float | None, progress: Progress):
+    """Return the backend of --level or --method, and the name of its model."""
+    if not model.is_circuit:
+        from ann_dc.backends.ode import COMPILED, METHODS, OdeBackend
+
+        method = COMPILED if model.method is None else named("--method", model.method, METHODS)
+        return OdeBackend(
+            method=method, duration=duration, progress=progress
+        ), f"ODE, {method.name}"
+
+    from ann_dc.backends.spice.backend import SpiceBackend
+    from ann_dc.cli.arguments.building import fitted_to_build
+
+    backend = SpiceBackend(
+        level=level_of(model)(network),
+        bandwidth_margin=model.bandwidth_margin,
+        duration=duration,
+        progress=progress,
+    )
+    name = f"circuit, {backend.level.name}"
+    return (fitted_to_build(backend, network) if duration is None else backend), name
