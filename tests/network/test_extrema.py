@@ -22,7 +22,6 @@ from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.drawings import latex_symbols
-from ann_dc.export.fixed_point.tables import made_table
 from ann_dc.export.netlists.verilog_library import function_module
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.hardware.parts.generator_curves import Breakpoints
@@ -163,11 +162,6 @@ def test_formulas_in_other_languages():
     assert f"(0.5 + (0.5 * tanh(0.5 * {u})))" in function_module("sigmoid")
     assert f"max({u}, -1 * {u})" in function_module("abs")
     assert f"({u} > 0.0 ? 1 : ((-1 * {u}) > 0.0 ? -1 : 0.0 * {u}))" in function_module("sign")
-
-
-def test_a_table_of_integers_shows_the_jump_of_sign():
-    assert made_table(CODE["sign"], (-1.0, 1.0), (12, 12), 16).jump > 1 / 64
-    assert made_table(CODE["abs"], (-1.0, 1.0), (12, 12), 16).jump < 1e-3
 
 
 @every_block
