@@ -15,5 +15,7 @@ RANGES = {
     "asin": (-0.8, 0.8),
     "acos": (-0.8, 0.8),
     "rectify": (-1.0, 1.0),
+    "abs": (-1.0, 1.0),
+    "sigmoid": (-2.0, 2.4),
 }
-SMOOTH = [name for name in RANGES if name != "rectify"]
+SMOOTH = [name for name in RANGES if name not in ("rectify", "abs")]

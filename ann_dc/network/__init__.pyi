@@ -10,5 +10,6 @@ from .cell import (
     Template as Template,
 )
 from .duals import InequalityDual as InequalityDual
+from .extrema import maximum as maximum, minimum as minimum
 from .network import Network as Network
 from .waveforms import Waveform as Waveform

@@ -235,6 +235,12 @@ class FunctionBlock:
         return self.has_pole or self.domain != (-math.inf, math.inf)
 
 
+def _sign(lib: Library, x: Any, at_zero: Any) -> Any:
+    """Return 1 for x > 0, -1 for x < 0, and ``at_zero`` for zero and nan."""
+    one, real = lib.ones_like(x), lib.real(x)
+    return lib.where(real > 0, one, lib.where(-real > 0, -one, at_zero))
+
+
 FUNCTIONS: tuple[FunctionBlock, ...] = (
     FunctionBlock(
         name="sin",
@@ -312,6 +318,23 @@ FUNCTIONS: tuple[FunctionBlock, ...] = (
         name="rectify",
         formula=lambda lib, x: lib.where(lib.real(x) <= 0, 0.0, x),  # what is no number passes
         slope_formula=lambda lib, x, y: lib.where(lib.real(x) > 0, lib.ones_like(x), 0.0),
+        in_expressions=False,
+    ),
+    FunctionBlock(
+        name="abs",
+        formula=lambda lib, x: lib.where(lib.real(x) <= -lib.real(x), -x, x),
+        slope_formula=lambda lib, x, y: _sign(lib, x, 0.0),
+        in_expressions=False,
+    ),
+    FunctionBlock(
+        name="sigmoid",
+        formula=lambda lib, x: 0.5 + 0.5 * lib.tanh(0.5 * x),  # exp(-x) would overflow
+        slope_formula=lambda lib, x, y: y * (1 - y),
+    ),
+    FunctionBlock(
+        name="sign",
+        formula=lambda lib, x: _sign(lib, x, 0.0 * x),  # what is no number passes
+        slope_formula=lambda lib, x, y: 0.0 * lib.ones_like(x),
         in_expressions=False,
     ),
 )

@@ -271,7 +271,14 @@ def test_a_cell_names_the_levels_that_have_its_models(each):
 
 RANGE = "min(max({sx}*v(x),{lo}),{hi})"
 """Argument of a function generator, as behavioural sources have it."""
-SPICE = {"ln": np.log, "max": np.maximum, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
+SPICE = {
+    "min": np.minimum,
+    "ln": np.log,
+    "max": np.maximum,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+}
 
 
 @pytest.mark.parametrize("level", ["ideal", "macro"])

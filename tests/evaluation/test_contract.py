@@ -528,6 +528,7 @@ def test_function_blocks(block, kind, share):
 def test_function_blocks_are_the_textbook_functions(kind):
     known = {block.name: getattr(np, block.name, None) for block in FUNCTIONS}
     known |= {"reciprocal": lambda x: 1 / x, "rectify": lambda x: np.maximum(x, 0)}
+    known |= {"sigmoid": lambda x: 1 / (1 + np.exp(-x))}
     known |= {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
     for name, function in known.items():
         x = np.array([0.3])

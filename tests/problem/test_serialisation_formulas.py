@@ -93,7 +93,7 @@ def test_a_small_expression_is_one_line_and_a_large_one_several():
 
 @pytest.mark.parametrize("name", [*FUNCTIONS, *IN_OTHER_WORDS])
 def test_every_function_that_a_network_computes_is_written(name):
-    call = getattr(sp, name)(2 + x) if name != "atanh" else sp.atanh(x / 9)
+    call = getattr(sp, name, FUNCTIONS[name])(2 + x) if name != "atanh" else sp.atanh(x / 9)
     again = through_text(call)
     value = 0.4 if name not in ("asin", "acos") else -1.6
     assert float(again.subs(x, value)) == pytest.approx(float(call.subs(x, value)), rel=1e-13)

@@ -17,6 +17,7 @@ from ann_dc.export.fixed_point.machine import Machine
 from ann_dc.export.fixed_point.tables import Table, made_table
 from ann_dc.lowering.program import FUNCTION, PRODUCT, RECTIFY, SUMS, UPDATE, Program
 from ann_dc.lowering.walk import Ranges
+from ann_dc.network.functions import FUNCTIONS
 
 HEADROOM = 1.5
 """Largest representable number of a row relative to the largest value in the trajectories."""
@@ -164,7 +165,8 @@ class _Writer:
         if key not in self.tables:
             found = made_table(code, self.seen(word), formats, self.bits, self.guard)
             if not max(found.jump, found.error / 2 ** (self.bits - 1)) <= STEEPEST:
-                why = "its value jumps from one argument to the next, as near a pole"
+                name = FUNCTIONS[code].name
+                why = f"the value of {name} jumps between adjacent arguments, as near a pole"
                 raise ExportError(self.refusal(word, why))
             self.tables[key] = found
         return list(self.tables).index(key)

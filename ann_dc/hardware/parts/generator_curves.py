@@ -33,7 +33,7 @@ class Stretch:
     """Function `function` of a function block on the range from `low` to `high`.
 
     Raises `UnknownNameError` if the function block does not exist, and `NetworkError` if f is not
-    finite on the range or zero throughout.
+    finite on the range, constant or not continuous.
     """
 
     function: str
@@ -49,6 +49,16 @@ class Stretch:
         closer = np.abs(self.value(np.linspace(top[0], top[-1], GRID))).max()
         if not (0 < self.peak < math.inf and closer <= 2 * self.peak):
             raise NetworkError(f"{self}: zero throughout, or at a pole; choose another range")
+        rises = np.abs(np.diff(self.value(at)))
+        place = int(rises.argmax())
+        if not rises[place]:
+            raise NetworkError(f"{self}: constant throughout; replace it by a bias")
+        within = self.value(np.linspace(at[place], at[place + 1], GRID + 1))
+        if np.abs(np.diff(within)).max() > 0.5 * rises[place] + 1e-9 * self.peak:
+            raise NetworkError(
+                f"{self}: jumps near {at[place]:.3g}, and polynomials and chords are continuous; "
+                "use a level with subcircuits of functions (behavioural, macro)"
+            )
 
     def __str__(self) -> str:
         return f"{self.function} over {self.low:g} .. {self.high:g}"

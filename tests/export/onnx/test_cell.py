@@ -123,5 +123,6 @@ def test_every_sample_has_inputs_of_its_own():
     following, _ = onnx.step(np.repeat(states, 2, axis=-1), STEP, both)
     for sample in range(2):
         alone, _ = onnx.step(states, STEP, both[..., sample : sample + 1])
-        np.testing.assert_array_equal(following[..., sample], alone[..., 0])
+        # one rounding error apart: onnxruntime computes the ends of rows with other instructions
+        np.testing.assert_allclose(following[..., sample], alone[..., 0], rtol=0, atol=5e-16)
     assert np.abs(following[..., 0] - following[..., 1]).max() > 1e-3

@@ -13,7 +13,7 @@ from ann_dc.hardware.parts.generator_curves import (
     FittedQuotient,
     Polynomial,
 )
-from ann_dc.network.functions import FUNCTIONS, function_block
+from ann_dc.network.functions import function_block
 
 
 def computed(fit: FittedPolynomial, u: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ ranges = st.tuples(st.floats(0.05, 0.85), st.floats(0.1, 0.9)).map(
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
-    name=st.sampled_from([block.name for block in FUNCTIONS if block.name != "rectify"]),
+    name=st.sampled_from(SMOOTH),
     bounds=ranges,
     tolerance=st.floats(1e-6, 1e-2),
 )
@@ -144,6 +144,9 @@ def test_a_tolerance_out_of_reach_is_told():
         ("reciprocal", (-1.0, 2.0), "pole"),
         ("reciprocal", (-1.0, 1.0), "pole"),
         ("rectify", (-2.0, -1.0), "zero throughout"),
+        ("sign", (-1.0, 2.0), "^sign over -1 .. 2: jumps near"),
+        ("sign", (0.0, 2.0), "^sign over 0 .. 2: jumps near 0"),
+        ("sign", (1.0, 2.0), "^sign over 1 .. 2: constant"),
     ],
 )
 def test_ranges_that_make_no_sense_are_refused(kind, name, given, meaning):
