@@ -36,6 +36,8 @@ from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import PositiveFinite, checked
 
+DRIVEN = ("weights", "csv", "pack", "ltspice", "xyce")
+"""Formats that hold inputs over time."""
 LOCK = ".lock"
 """File in a folder that marks a writer while it is active."""
 
@@ -164,6 +166,11 @@ def _exported(
     name: str, network: Network, vector: ReferenceVector, settings: Mapping[str, Any], folder: Path
 ) -> Exported:
     """Create, check and write the files of one format."""
+    if network.waveforms and name not in DRIVEN:
+        raise ExportError(
+            f"inputs: {', '.join(network.waveforms)} change over time, which {name} does not hold; "
+            f"take one of {', '.join(DRIVEN)}, or export the network at a time, network.at_time(0)"
+        )
     form = FORMATS[name]
     own = {key: value for key, value in settings.items() if key in form.settings}
     files = form.write(network, vector, **own)

@@ -1,6 +1,7 @@
 """Exports of networks that never settle, scaled by a run of a given duration."""
 
 import csv
+import re
 import subprocess
 
 import numpy as np
@@ -69,3 +70,29 @@ def test_an_export_is_inspected(exported, name):
     folder, _ = exported
     [found] = inspect_export(folder / name)
     assert found.good, found.wrong
+
+
+def test_a_settling_network_is_exported_with_a_duration_as_well(tmp_path):
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    found = ann_dc.export_network(network, ["weights", "onnx", "c99"], tmp_path, duration=100.0)
+    assert not any(each.why_not for each in found)
+
+
+@needs_ngspice
+def test_inputs_over_time_are_held_or_refused_by_name(tmp_path):
+    network = ann_dc.design(
+        ann_dc.plants.double_integrator(N=3), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
+    ).network
+    target = ann_dc.Waveform(times=[0.0, 100.0, 200.0], values=[1.0, 2.0, 1.5])
+    moving = network.with_inputs({"q_d.x": target})
+    found = {e.name: e for e in ann_dc.export_network(moving, "all", tmp_path, duration=200.0)}
+    held = {name for name, each in found.items() if not each.why_not}
+    assert held == {"weights", "csv", "pack", "ltspice", "xyce"}
+    assert "q_d.x change over time" in found["onnx"].why_not
+    for name in ("pack", "ltspice", "xyce"):
+        assert "PWL(" in (tmp_path / name / "deck.cir").read_text()
+    said = subprocess.run(
+        ["ngspice", "-n", "-b", "deck.cir"], cwd=tmp_path / "pack", capture_output=True, text=True
+    )
+    off = float(re.search(r"off by (\S+) of", said.stdout)[1])
+    assert off < 1e-3

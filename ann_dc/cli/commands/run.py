@@ -76,7 +76,8 @@ def run(
     ),
     duration: DurationOption = None,
     inputs: list[str] | None = option(
-        "Value of an input in all cells, or N values with commas. Repeatable.",
+        "Value of an input in all cells, or N values with commas; or over time, as the column of a "
+        "CSV file with a column `time`: q_d.x=target.csv:x. Repeatable.",
         "--input",
         metavar="NAME=VALUE",
     ),
@@ -100,6 +101,7 @@ def run(
 
       ann-dc run network.npz
       ann-dc run network.npz --input q_d.x=3 --curves out/moved.csv
+      ann-dc run network.npz --input q_d.x=target.csv:x --duration 500
       ann-dc run oscillator.npz --duration 30 --figure out/oscillator.png
       ann-dc run oscillator.npz --duration 30 --level macro --json out/macro.json
       ann-dc run stiff.npz --method Radau
@@ -140,8 +142,14 @@ def _network(word: str):
 
 def _with_inputs(network: Any, given: list[str]):
     """Return the network with the values of --input."""
-    values = {}
+    from ann_dc.network.waveforms import Waveform
+
+    values: dict[str, Any] = {}
     for name, text in pairs_of(given, "--input", "load=0.5").items():
+        file, is_file, column = text.rpartition(".csv:")
+        if is_file:
+            values[name] = Waveform.from_csv(f"{file}.csv", column)
+            continue
         numbers = [number_of(f"--input {name}", word.strip()) for word in text.split(",")]
         if len(numbers) not in (1, network.stages):
             raise ProblemError(

@@ -180,7 +180,7 @@ def reference_vector(
     """Compute the test vector of a network: its iteration from the start to settling.
 
     The step is half the stability limit, and is halved up to 6 times if the iteration does not
-    settle. With a ``duration``, only the first steps are recorded, and they are short.
+    settle. With a ``duration``, steps are short and not halved.
 
     Parameters
     ----------
@@ -221,12 +221,11 @@ def reference_vector(
 
 
 def _of_duration(network: Network, tolerance: float, duration: float) -> ReferenceVector:
-    """Return the vector of a network that need not settle; it ends with the first steps."""
+    """Return the vector of a network that need not settle, by steps short enough to follow it."""
     rate = fast_evaluator(network).fastest_rate(network.start_state)
     walker = EulerWalk(network, min(FINE / rate, duration / max(EARLY)))
-    end = walker.after(network.start_state, max(EARLY))
-    residual = max(fast_evaluator(network).residuals(end))
-    return replace(walker.vector(tolerance, -1, end, residual), duration=duration)
+    found = walker.settled(network.start_state, tolerance)
+    return replace(walker.vector(tolerance, *found), duration=duration)
 
 
 def _step_limit(network: Network) -> float:

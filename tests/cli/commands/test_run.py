@@ -148,3 +148,15 @@ def test_what_is_no_network_names_the_command_to_use(tmp_path, leak):
     refused(["run", tmp_path / "nix.npz"], "does not exist")
     refused(["circuit", leak], f"ann-dc run {leak} --level macro --duration T")
     refused(["circuit", "car", "--duration", "3"], "--duration: the circuit of a problem")
+
+
+def test_an_input_follows_the_column_of_a_file(leak, tmp_path):
+    """x' = load - x, with a load that rises by one a unit of time: x lags by one."""
+    (tmp_path / "load.csv").write_text("time,force\n0,0.5\n30,30.5\n")
+    words = "--input", f"load={tmp_path / 'load.csv'}:force", "--duration", "30"
+    code, _ = run("run", leak, *words, "--curves", tmp_path / "out.csv", "--json", tmp_path / "a")
+    assert code == 0
+    end = np.genfromtxt(tmp_path / "out.csv", delimiter=",", names=True)[-1]
+    assert end["x0"] == pytest.approx(29.5, abs=1e-4)
+    refused(["run", leak, "--input", f"load={tmp_path / 'load.csv'}:mass"], "'mass' does not exist")
+    refused(["run", leak, "--input", f"load={tmp_path / 'load.csv'}:force"], "duration")
