@@ -40,11 +40,12 @@ from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, KINDS, PreconditionerKind
 from ann_dc.network.preconditioners.multilevel import Multilevel
+from ann_dc.network.waveforms import Waveform
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import design, synthesize
 from ann_dc.study.model_levels import level_of
 from ann_dc.study.records import Value
-from ann_dc.study.settings import Subject, behind, chosen, is_built
+from ann_dc.study.settings import ALONE, Subject, behind, chosen, is_built
 
 # ---- network of a case: designed, with other gains, inputs, initial guess and non-idealities ----
 
@@ -76,6 +77,12 @@ NONIDEALITIES: dict[str, Callable[[Network, float, int], Network]] = {
     "saturation": lambda network, value, seed: nonidealities.saturation(network, value),
 }
 """Functions by non-ideality, in a valid order of application."""
+
+
+LEVELS = "run.two_level"
+"""Setting whose runs need a form of the equations with q_0 as a neuron."""
+HELD, MOST_SAMPLES = 0.1, 20_000
+"""Time for which a sample of noise is held, in the fastest time constants, and their number."""
 
 
 def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
@@ -138,12 +145,41 @@ def started(start: np.ndarray, given: Mapping[str, Any], seed: int) -> np.ndarra
     return start + given.get("spread", SPREAD) * rng.standard_normal(start.size)
 
 
-def with_nonidealities(network: Network, sizes: Mapping[str, float], seed: int) -> Network:
-    """Return the network with non-idealities of the given sizes, drawn from the seed."""
+def with_nonidealities(
+    network: Network, sizes: Mapping[str, float], seed: int, duration: float = 0.0
+) -> Network:
+    """Return the network with non-idealities of the given sizes, drawn from the seed.
+
+    The ``duration`` in network time is that of the noise.
+    """
     for name, apply in NONIDEALITIES.items():
         if name in sizes:
             network = apply(network, float(sizes[name]), nonideal_stream(seed, name))
+    if sizes.get("noise"):
+        return noisy(network, sizes["noise"], nonideal_stream(seed, "noise"), duration)
     return network
+
+
+def noisy(network: Network, density: float, seed: int, duration: float) -> Network:
+    """Return the network with white noise at every neuron: tau x' = sum w s + density xi.
+
+    The noise is held for `HELD` of the fastest time constant of a neuron, with the variance of
+    white noise over that time; its samples are drawn from the seed. Raises `StudyError` if the
+    duration has more than `MOST_SAMPLES` of them.
+    """
+    interval = HELD / float(network.layout.rates.max())
+    count = math.ceil(duration / interval)
+    if count > MOST_SAMPLES:
+        raise StudyError(
+            f"nonideal.noise: a run of {duration:g} has {count:,} samples of noise, above "
+            f"{MOST_SAMPLES:,}; take a shorter run.duration"
+        )
+    network, rng = nonidealities.noise(network, density), np.random.default_rng(seed)
+    times, size = interval * np.arange(count), (count, network.stages)
+    added = [name for name in network.cell.inputs if name.startswith("noise.")]
+    samples = {name: rng.standard_normal(size) / math.sqrt(interval) for name in added}
+    waveforms = {n: Waveform(times=times, values=v, hold="previous") for n, v in samples.items()}
+    return network.with_inputs(waveforms)
 
 
 def nonideal_stream(seed: int, name: str) -> int:
@@ -162,7 +198,8 @@ def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Netw
     network = with_inputs(with_gains(designed, behind(setting, "gains")), behind(setting, "input"))
     if given := behind(setting, "start"):
         network = network.with_start(started(network.start_state, given, seed))
-    return with_nonidealities(network, behind(setting, "nonideal"), seed)
+    duration = float(setting.get("run.duration", 0.0))
+    return with_nonidealities(network, behind(setting, "nonideal"), seed, duration)
 
 
 # ---- problems, designs and circuits of the cases, each built once -------------------------------
@@ -245,6 +282,7 @@ class Realisation:
         if problem is None:
             return Designed(self.subject.wired, self.subject.wired.start_state)
         given = chosen(setting, "problem", "design") | {"": is_built(setting)}
+        given |= {LEVELS: setting.get(LEVELS, ALONE)}
         kinds = BUILDABLE if is_built(setting) else ALL_KINDS
         return self._cached("form", given, lambda: self._in_form(problem, given, kinds))
 
@@ -256,6 +294,8 @@ class Realisation:
     ) -> Designed:
         """Return the network of a problem; a form with errata uses the corrected gains."""
         form = FORMS[str(given.get("design.form", "corrected"))]
+        if given[LEVELS] != ALONE:  # every stage has a solution of its own
+            form = replace(form, start_is_neuron=True)
         lender = form.designable
         factors = {n: v for n, v in behind(given, "design").items() if n != "form"}
         lent = {**given, "design.form": str(lender)}

@@ -25,6 +25,7 @@ from ann_dc.solution.solution import certificate_of
 from ann_dc.study.realisation import Built, Realisation, network_at
 from ann_dc.study.records import Point, Value
 from ann_dc.study.settings import behind, is_built
+from ann_dc.two_level.run import TwoLevelRun
 
 
 def word_of(outcome: Outcome) -> str:
@@ -186,6 +187,32 @@ class _NetworkSample(Sample):
         if network.size != self.network.size:
             raise StudyError("its non-idealities add neurons that the problem knows nothing of")
         return network, self.state
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwoLevelSample(_NetworkSample):
+    """Network that ran on two levels; its steps are outer iterations."""
+
+    run: TwoLevelRun
+
+    @cached_property
+    def end(self) -> End:
+        """End of the run."""
+        outcome, state = self.run.outcomes[0], self.run.states[0]
+        needed = int(self.run.outer_iterations[0])
+        return End(
+            outcome=word_of(outcome),
+            message="" if outcome is Outcome.SETTLED else self.run.message(0),
+            state=state,
+            controls=control_values(self.network, state),
+            steps=self.run.rounds,
+            settling_steps=None if needed < 0 else needed,
+        )
+
+    @property
+    def settling_time(self) -> float:
+        """Unavailable: two levels have iterations instead of a network time."""
+        raise StudyError("two levels have outer iterations (settling_steps) and no network time")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

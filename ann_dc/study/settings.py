@@ -37,6 +37,7 @@ from ann_dc.solution.saved_result import Reader, Writer
 from ann_dc.solver import synthesize
 from ann_dc.study.model_levels import LEVELS
 from ann_dc.study.records import SEED, Value
+from ann_dc.two_level.coordination import COORDINATORS
 
 ENDS = ("q_0", "q_d")
 
@@ -183,6 +184,9 @@ def _digest(network: Network) -> str:
 
 
 STARTS = ("line", "zero", "random")
+ALONE = "none"
+"""Word for a network without two levels."""
+TWO_LEVELS = (ALONE, *COORDINATORS)
 BACKENDS = ("ode", "recurrent", "emulation", "spice")
 CIRCUITS = ("emulation", "spice")
 """Backends that run circuits."""
@@ -196,6 +200,7 @@ OF_NETWORKS = (
     "run.step",
     "run.tolerance",
     "run.limit",
+    "run.two_level",
 )
 """Settings that circuits do not use."""
 NONIDEAL = {
@@ -208,6 +213,7 @@ NONIDEAL = {
     "slew": "fastest move of a neuron, network units per unit of network time",
     "saturation": "where neurons stop, network units",
     "bits": "significant bits of every synapse weight",
+    "noise": "density of white noise at every neuron, drawn; network units per root network time",
 }
 """Non-idealities of the ideal network, in order of application."""
 
@@ -272,8 +278,11 @@ FAMILIES: dict[str, Family] = {
     ),
     "run": Family(
         Effect.RUN,
-        "backend, integration method, update order, step, tolerance, limit, duration",
-        lambda _: ("backend", "method", "order", "step", "tolerance", "limit", "duration"),
+        "backend, integration method, update order, step, tolerance, limit, duration, coordinator",
+        lambda _: (
+            *("backend", "method", "order", "step", "tolerance", "limit", "duration"),
+            "two_level",
+        ),
     ),
 }
 """Families by the first part of their names."""
@@ -285,6 +294,7 @@ WORDS: dict[str, Iterable[str]] = {
     "circuit.series": SERIES,
     "run.backend": BACKENDS,
     "run.method": METHODS,
+    "run.two_level": TWO_LEVELS,
     "run.order": ORDERS,
 }
 """Settings with named values, and the valid names."""
@@ -367,12 +377,14 @@ def is_drawn(setting: Mapping[str, Value]) -> bool:
     return bool(chosen(setting, "tolerance")) or any(positive)
 
 
-def check_together(field: str, names: Iterable[str], backends: Iterable[str]) -> None:
+def check_together(
+    field: str, names: Iterable[str], backends: Iterable[str], others: Iterable[str] = ()
+) -> None:
     """Raise `StudyError` for the first setting that none of the backends reads.
 
-    The message begins with `field` and gives the reason.
+    The message begins with `field` and gives the reason. ``others`` are further settings.
     """
-    met = {*backends}
+    met, given = {*backends}, {*names, *others}
     for name in names:
         if name.startswith(OF_NETWORKS) and met <= {*CIRCUITS}:
             raise StudyError(
@@ -386,6 +398,8 @@ def check_together(field: str, names: Iterable[str], backends: Iterable[str]) ->
             )
         if name in ("run.order", "run.step") and "recurrent" not in met:
             raise StudyError(f"{field}: {name} means something with run.backend = 'recurrent' only")
+        if name == "nonideal.noise" and "run.duration" not in given:
+            raise StudyError(f"{field}: {name} lasts as long as a run; set run.duration, too")
         if name == "run.method" and "ode" not in met:
             raise StudyError(f"{field}: {name} means something with run.backend = 'ode' only")
         if name == "run.duration" and not met & {*TIMED}:

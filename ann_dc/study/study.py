@@ -166,8 +166,8 @@ class Study(Record):
         words = self.plan.listed.get("run.backend", [self.fixed.get("run.backend")])
         others = dict.fromkeys(n for n in (*self.fixed, *self.vary) if n != "run.backend")
         backends = [str(word) if word else backend_of(others) for word in words]
-        check_together("vary", self.vary, backends)
-        check_together("fixed", self.fixed, backends)
+        check_together("vary", self.vary, backends, self.fixed)
+        check_together("fixed", self.fixed, backends, self.vary)
 
     @cached_property
     def plan(self) -> Plan:

@@ -53,10 +53,12 @@ from ann_dc.study.records import (
     Value,
     without_result,
 )
-from ann_dc.study.sample import BatchSample, RunSample, Sample
-from ann_dc.study.settings import CIRCUITS, FAMILIES, Effect, Subject, backend_of, behind
+from ann_dc.study.sample import BatchSample, RunSample, Sample, TwoLevelSample
+from ann_dc.study.settings import ALONE, CIRCUITS, FAMILIES, Effect, Subject, backend_of, behind
 from ann_dc.study.stored_trajectories import packed
 from ann_dc.study.tasks import Task, sentence
+from ann_dc.two_level.coordination import COORDINATORS
+from ann_dc.two_level.levels import TwoLevels
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 BATCH = 500
@@ -84,7 +86,8 @@ def _is_batched(point: Point) -> bool:
     if backend_of(setting) in CIRCUITS:
         return False
     method = METHODS[str(setting.get("run.method", "compiled"))]
-    return setting.get("design.form") != "S16" and method.rows is not None
+    follows = "nonideal.noise" in setting or setting.get("run.two_level", ALONE) != ALONE
+    return setting.get("design.form") != "S16" and method.rows is not None and not follows
 
 
 def tasks(points: Iterable[Point], finished: Set[int]) -> Iterator[Task]:
@@ -236,11 +239,23 @@ def _single(point: Point, made: Realisation) -> Sample:
         return CircuitSample(point=point, made=made, run=run)
     designed = made.designed(setting)
     network = network_at(designed.network, setting, point.seed)
+    if setting.get("run.two_level", ALONE) != ALONE:
+        return _on_two_levels(point, made, network)
     backend: Any = replace(_backend(setting), curves=0)
     if isinstance(backend, OdeBackend) and setting.get("design.form") == "S16":
         gain = OracleGain(settled=made.settled(setting), low=SWITCHED_GAIN)
         backend = OracleBackend(ode=backend, gain=gain)
     return RunSample(point=point, made=made, run=backend.run(network))
+
+
+def _on_two_levels(point: Point, made: Realisation, network: Network) -> Sample:
+    """Run one case on two levels, with the coordinator chosen at the designed solution."""
+    settling = Settling(tolerance=float(point.setting.get("run.tolerance", 1e-6)))
+    choose = COORDINATORS[str(point.setting["run.two_level"])]
+    upper, _ = choose(network, made.designed(point.setting).settled)
+    layer = TwoLevels(network, upper=upper)
+    run = layer.run(tolerance=settling.confirmed)
+    return TwoLevelSample(point=point, made=made, run=replace(run, tolerance=settling.tolerance))
 
 
 def _backend(setting: Mapping[str, Value]) -> OdeBackend | RecurrentBackend:
