@@ -320,7 +320,7 @@ def test_manifest_holds_every_field():
     """A new field of a record must be saved too: this test fails until it is."""
     assert {f.name for f in fields(Network)} == {
         "cell", "stages", "inputs", "input_scales", "ranges", "fixed", "omitted", "left_boundary",
-        "start", "preconditioner", "title",
+        "start", "preconditioner", "title", "waveforms",
     }  # fmt: skip
     assert {f.name for f in fields(Cell)} == {
         "neurons", "inputs", "blocks", "connections", "duals", "inequality_duals", "objectives",
