@@ -113,7 +113,7 @@ class OdeBackend:
     A run of a given duration has no condition but time:
 
     >>> run = ann_dc.OdeBackend(duration=30.0).run(network)
-    >>> run.trajectory.time[-1], run.status.outcome.name
+    >>> run.status.time, run.status.outcome.name
     (30.0, 'COMPLETED')
     """
 

@@ -213,9 +213,15 @@ class Trajectory(Record, Tabulated):
 
         Raises `UnknownNameError` if the network has no such neuron.
         """
-        neuron = self.network.neuron(name)
-        row = self.network.neuron_index[name]
-        return neuron.scale.user(self.network.unpack(self.states)[:, row])
+        network, neuron = self.network, self.network.neuron(name)
+        values = network.unpack(self.states)[:, network.neuron_index[name]]
+        for pin in network.fixed:
+            waveform = network.waveforms.get(pin.input)
+            if pin.neuron == name and waveform is not None:
+                given = [np.broadcast_to(waveform.at(t), network.stages) for t in self.time]
+                scale = network.input_scale(pin.input)
+                values[:, pin.stage] = scale.network(np.array(given)[:, pin.stage])
+        return neuron.scale.user(values)
 
 
 def control_values(network: Network, x: np.ndarray) -> np.ndarray:

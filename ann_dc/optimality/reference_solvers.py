@@ -85,7 +85,7 @@ def solver_iterates(problem: OptimalControlProblem) -> SolverIterates:
     --------
     >>> from ann_dc import plants
     >>> found = solver_iterates(plants.double_integrator(N=5))
-    >>> bool(found.residuals[-1] < 1e-8), round(found.objectives[-1], 6)
+    >>> bool(found.residuals[-1] < 1e-8), round(float(found.objectives[-1]), 6)
     (True, 500.0)
     """
     try:

@@ -96,8 +96,8 @@ def convergence(
     ...     for name, method in methods.items()
     ... }
     >>> figure = convergence(runs, against="steps")
-    >>> [line.get_label() for line in figure.axes[0].lines][:2]
-    ['RK45', 'Radau']
+    >>> figure.axes[0].get_legend_handles_labels()[1]
+    ['RK45', 'Radau', 'tolerance 1e-06']
     """
     if not len(runs):
         raise NetworkError("runs: expected at least one, got none")

@@ -211,7 +211,7 @@ class TwoLevelSample(_NetworkSample):
 
     @property
     def settling_time(self) -> float:
-        """Unavailable: two levels have iterations instead of a network time."""
+        """Unavailable, because two levels have no network time; raises `StudyError`."""
         raise StudyError("two levels have outer iterations (settling_steps) and no network time")
 
 

@@ -102,6 +102,8 @@ def test_a_moving_start_is_followed_as_well():
     start = Waveform(times=[0.0, 500.0], values=[0.0, 0.3])
     run = ann_dc.OdeBackend(duration=500.0).run(network.with_inputs({"q_0.x": start}))
     assert tracking_error(run.trajectory, samples=10).rms < 1e-2
+    shown = run.trajectory["q.x"][:, 0]  # a fixed neuron, which has the value of the input
+    np.testing.assert_allclose(shown, 0.3 * run.trajectory.time / 500.0)
 
 
 def test_a_study_measures_the_tracking_error():
