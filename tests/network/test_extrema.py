@@ -100,6 +100,7 @@ def test_zero_large_and_undefined_arguments(name, kind):
     np.testing.assert_allclose(-2 * (slopes[:4] + 1), wanted, atol=1e-14)
 
 
+@pytest.mark.sampled(5)
 @every_block
 @pytest.mark.parametrize("backend", [OdeBackend(), RecurrentBackend()], ids=["ode", "recurrent"])
 def test_runs_settle_at_the_closed_form(backend, name):
@@ -164,6 +165,7 @@ def test_formulas_in_other_languages():
     assert f"({u} > 0.0 ? 1 : ((-1 * {u}) > 0.0 ? -1 : 0.0 * {u}))" in function_module("sign")
 
 
+@pytest.mark.sampled(20)
 @every_block
 @pytest.mark.parametrize("form", FORMATS)
 def test_exports_pass_their_own_check_or_refuse_by_name(form, name):

@@ -68,7 +68,7 @@ NETWORKS = {
 }
 
 
-LONG = ("defects", "pyramid", "long pyramid", "tree, odd")
+LONG = ("defects", "pyramid", "coupled pyramid", "long pyramid", "tree, odd")
 """Networks whose every order takes seconds."""
 
 ORDERED = [
