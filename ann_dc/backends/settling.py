@@ -89,8 +89,9 @@ class Settling:
 
 
 def settles(trajectory: Trajectory) -> bool:
-    """Return True if a network is at rest at the end of a run, by the default tolerance."""
-    return bool(trajectory.kkt[-1] < Settling().tolerance)
+    """Return True if a network with constant inputs is at rest at the end of a run."""
+    at_rest = bool(trajectory.kkt[-1] < Settling().tolerance)
+    return at_rest and not trajectory.network.waveforms
 
 
 def swings(trajectory: Trajectory) -> bool:

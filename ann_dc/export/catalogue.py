@@ -317,8 +317,10 @@ def _of_network(file: Path) -> Inspection:
         network = load(file)
     except FileFormatError as error:
         return Inspection(place=file, kind="network", facts={}, wrong=str(error))
-    run = OdeBackend(verify=False).run(network)
+    run = OdeBackend(verify=False).run(network.at_time(0.0))
     facts = {**_of_wiring(network), "settles": str(run.status)}
+    if network.waveforms:
+        facts["inputs over time"] = f"{', '.join(network.waveforms)}; settles: at time zero"
     wrong = "" if run.status.settled else f"it does not settle: {run.status}"
     return Inspection(place=file, kind="network", facts=facts, wrong=wrong)
 

@@ -8,6 +8,7 @@ import ann_dc
 from ann_dc import Waveform
 from ann_dc.backends import ode, tracking_error
 from ann_dc.errors import NetworkError
+from ann_dc.fidelity import predict
 from ann_dc.network import Cell, Connection, Network, Neuron
 
 RAMP = Waveform(times=[0.0, 2.0, 3.0], values=[0.0, 2.0, 2.0])
@@ -117,6 +118,20 @@ def test_a_study_measures_the_tracking_error():
     )
     right, leaky = study.run(workers=0)["tracking_error"]
     assert right < 0.03 < leaky
+
+
+@needs_ngspice
+def test_boards_follow_and_are_not_predicted():
+    level = ann_dc.presets.get("opa192_ad734")
+    moving = low_pass(Waveform(times=[0.0, 2.0], values=[0.0, 0.5]))
+    backend = ann_dc.SpiceBackend(level=level, duration=4.0)
+    run = backend.run(moving)
+    assert run.trajectory["x"][-1, 0] == pytest.approx(
+        0.5 - 0.25 * (1 - np.exp(-2)) * np.exp(-2), abs=2e-3
+    )
+    circuit, probe = backend.prepare(moving)
+    with pytest.raises(NetworkError, match="emulation: inputs u change over time"):
+        predict(circuit, level, probe)
 
 
 @pytest.mark.parametrize(

@@ -234,3 +234,12 @@ def test_what_is_nothing_of_the_kind_is_refused(tmp_path):
     for place in (tmp_path, tmp_path / "gone", tmp_path / "gone.npz"):
         with pytest.raises(FileFormatError, match=r"no weight file .* and no folder"):
             inspect_export(place)
+
+
+def test_a_file_with_inputs_over_time_is_run_at_time_zero(tmp_path):
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    target = ann_dc.Waveform(times=[0.0, 9.0], values=[1.0, 2.0])
+    ann_dc.save(network.with_inputs({"q_d.x": target}), tmp_path / "moving.npz")
+    [found] = inspect_export(tmp_path / "moving.npz")
+    assert found.good
+    assert found.facts["inputs over time"].startswith("q_d.x")

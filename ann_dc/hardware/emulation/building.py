@@ -55,8 +55,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     Raises
     ------
     NetworkError
-        If circuits of the level are clocked, or cannot realise the preconditioner, the limits of a
-        neuron or a shared neuron.
+        If inputs change over time, or circuits of the level are clocked, or cannot realise the
+        preconditioner, the limits of a neuron or a shared neuron.
     UnknownNameError
         If a deviation has an unknown parameter name.
 
@@ -148,4 +148,10 @@ def _check(circuit: Circuit, level: Level) -> None:
             "emulation: a switched-capacitor circuit is no network in continuous time; run the "
             "recurrent layer with the same step"
         )
-    check_buildable(circuit.schematic.network, level)
+    network = circuit.schematic.network
+    if network.waveforms:
+        raise NetworkError(
+            f"emulation: inputs {', '.join(network.waveforms)} change over time; emulate the "
+            "circuit of the network at a time, network.at_time(0.0)"
+        )
+    check_buildable(network, level)
