@@ -321,7 +321,7 @@ class Realisation:
         network = self.nominal(setting)
         level = clamped_full_scale(network, level_of(circuit, behind(setting, "tolerance")))
         series = SERIES[str(circuit.get("series", "exact"))]
-        duration = setting.get("run.duration")
+        duration = behind(setting, "run").get("duration")
         backend = SpiceBackend(level=level, series=series, require_stable=False, duration=duration)
         if "bandwidth_margin" in circuit:
             backend = replace(backend, bandwidth_margin=float(circuit["bandwidth_margin"]))

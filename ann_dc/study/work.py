@@ -250,7 +250,7 @@ def _single(point: Point, made: Realisation) -> Sample:
 
 def _on_two_levels(point: Point, made: Realisation, network: Network) -> Sample:
     """Run one case on two levels, with the coordinator chosen at the designed solution."""
-    settling = Settling(tolerance=float(point.setting.get("run.tolerance", 1e-6)))
+    settling = Settling(tolerance=behind(point.setting, "run").get("tolerance", 1e-6))
     choose = COORDINATORS[str(point.setting["run.two_level"])]
     upper, _ = choose(network, made.designed(point.setting).settled)
     layer = TwoLevels(network, upper=upper)
