@@ -39,6 +39,7 @@ from ann_dc.backends.integration.steppers import (
     Beginning,
     RightHandSide,
     Stepper,
+    fastest_rate,
     stepper_of,
 )
 from ann_dc.backends.integration.systems import Cells
@@ -58,6 +59,8 @@ from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.progress import Paced, Progress, Stopped, silent
 from ann_dc.validation import Count, Index, Positive, PositiveFinite, checked
 
+LIMIT = 20_000.0
+"""Longest run by default, in fastest time constants of a network."""
 ENDLESS = 2**53
 """Number of steps that no run takes."""
 
@@ -85,8 +88,10 @@ class OdeBackend:
         Network time of every run. A run of a given duration ends exactly then, whether or not the
         network settles, so that oscillators and chaos can run as well; ``limit`` and ``most_steps``
         have no effect. With None, a run ends when the network settles.
-    limit : float, default 20,000
-        Longest run, in fastest time constants of the network at its start.
+    limit : float or None, default None
+        Longest run, in fastest time constants of the network at its start; the run ends exactly
+        then. With None the limit is 20,000 of them, counted at the end of a run if the network has
+        become slower.
     most_steps : int, default 50,000
         Largest number of integration steps.
     verify : bool, default True
@@ -121,7 +126,7 @@ class OdeBackend:
     cells: Cells = Cells.WHERE_POSSIBLE
     settling: Settling = field(default_factory=Settling)
     duration: PositiveFinite | None = None
-    limit: Positive = 20_000.0
+    limit: Positive | None = None
     most_steps: Count = 50_000
     verify: bool = True
     curves: Index = 0
@@ -204,7 +209,7 @@ class OdeBackend:
         if self.duration is not None:
             ends = ends._replace(settled=0.0, most_steps=ENDLESS, window=ENDLESS)
         steps = {
-            "until": self.duration or self.limit * fastest,
+            "until": self.until(network),
             "confirmed": self.settling.confirmed,
             "first": FIRST_STEP * fastest,
             "rtol": method.rtol,
@@ -226,6 +231,15 @@ class OdeBackend:
         if self.duration is not None:
             batch = batch.completed()
         return batch.with_between(partial(CompiledAgain, method=method))
+
+    def until(self, network: Network) -> float:
+        """Return the network time at which a run of a network ends at the latest, at first."""
+        if self.duration is not None:
+            return self.duration
+        compiled = fast_evaluator(network)
+        if self.limit is not None:
+            return self.limit / fastest_rate(compiled, network.start_state)
+        return LIMIT * Beginning.of(network, compiled).fastest
 
     @checked
     def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:
@@ -309,7 +323,7 @@ class _Integration:
     def _ends(self, method: Method) -> Ends:
         settling = self.backend.settling
         return Ends(
-            until=self.backend.duration or self.backend.limit * self.fastest,
+            until=self.backend.until(self.network),
             settled=settling.confirmed if self.backend.duration is None else 0.0,
             largest=self.largest,
             rtol=method.rtol,
@@ -358,7 +372,7 @@ class _Integration:
             return status.left_domain(self.network, block, stage, now)
         if self.backend.duration is not None:
             return self._reported(status.completed) if self.stepper.at_end else None
-        if why := self._time_is_up():
+        if why := self._time_is_up(x, now):
             return self._reported(status.not_settled, why)
         return (how := self._no_headway(now)) and self._reported(status.stalled, *how)
 
@@ -382,10 +396,20 @@ class _Integration:
         states, least = recorder.last_states(window), float(np.nanmin(worst[window:]))
         return status.no_headway(self.network, states, window, least, self.method)
 
-    def _time_is_up(self) -> str | None:
-        """Return the bound that ended the run, if any."""
+    def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
+        """Return the bound that ended the run, if any.
+
+        The fastest rate at the start may differ from that at the equilibrium, by which the default
+        limit counts.
+        """
         if self.recorder.steps >= self.backend.most_steps:
             return f"{self.recorder.steps} integration steps were done (most_steps)"
         if not self.stepper.at_end:
             return None
-        return f"{self.backend.limit:g} fastest time constants had passed (limit)"
+        limit = self.backend.limit
+        if limit is None:
+            end = LIMIT / self.compiled.fastest_rate(x)
+            if end > now * (1 + 1e-9):
+                self.stepper.go_on(end)
+                return None
+        return f"{limit or LIMIT:g} fastest time constants had passed (limit)"

@@ -53,4 +53,4 @@ def test_it_is_the_abscissa_of_the_spectrum(name):
     network = designed(name).network
     trajectory = ann_dc.OdeBackend(verify=False).run(network).trajectory
     slowest = -ann_dc.spectrum(network, trajectory.final).abscissa
-    assert decay_rate(trajectory, 1e-4, 1e-8) == pytest.approx(slowest, rel=0.3)
+    assert decay_rate(trajectory, 1e-5, 1e-8) == pytest.approx(slowest, rel=0.3)

@@ -44,6 +44,11 @@ class DrivenStepper(Stepper):
         """Polynomials of the steps."""
         return Pieces(pieces=self._pieces, compiled=self._compiled)
 
+    def go_on(self, until: float) -> None:
+        """Add a piece up to a later time."""
+        self._ends, self.at_end = [*self._ends, until], False
+        self._begin()
+
     def _begin(self) -> None:
         """Start at a breakpoint, with a time of its own, up to just before the next one."""
         self._began, self._until = self.time, self._ends.pop(0)

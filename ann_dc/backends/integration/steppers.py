@@ -64,11 +64,11 @@ class Beginning(NamedTuple):
         if network not in _starts:
             x = network.start_state
             guard, residuals = compiled.domain_guard(x), compiled.residuals(x)
-            _starts[network] = cls(x, guard, residuals, 1 / _fastest_rate(compiled, x))
+            _starts[network] = cls(x, guard, residuals, 1 / compiled.fastest_rate(x))
         return _starts[network]
 
 
-def _fastest_rate(compiled: FastEvaluator, x: np.ndarray) -> float:
+def fastest_rate(compiled: FastEvaluator, x: np.ndarray) -> float:
     """Return the spectral radius of d rhs / dx at a state (n,), in 1 / network time.
 
     Power iterations do not converge if the fastest modes oscillate; the rate is then taken from
@@ -110,6 +110,10 @@ class Stepper(ABC):
     def steps(self, most: int) -> Steps:
         """Take up to ``most`` more steps, at least one unless the stepper has failed."""
 
+    @abstractmethod
+    def go_on(self, until: float) -> None:
+        """Move the end of the integration to a later time."""
+
 
 @final
 class CompiledStepper(Stepper):
@@ -150,6 +154,10 @@ class CompiledStepper(Stepper):
         self.exit = float(self.course.clock[6])
         self.state = self.course.x[first : first + size][self._chosen]
         return log.times[:count], log.residuals[:count], log.states[:count][:, self._chosen]
+
+    def go_on(self, until: float) -> None:
+        """Move the end of the integration to a later time."""
+        self.ends, self.at_end = self.ends._replace(until=until), False
 
 
 @final
@@ -223,6 +231,10 @@ class SciPyStepper(Stepper):
         self._watch(began, max(residuals))
         self.at_end = self.solver.status == "finished"
         return np.array([self.time]), np.array([residuals]), np.array([self.state])
+
+    def go_on(self, until: float) -> None:
+        """Move the end of the integration to a later time."""
+        self.solver.t_bound, self.solver.status, self.at_end = until, "running", False
 
 
 def stepper_of(
