@@ -36,6 +36,7 @@ from ann_dc.evaluation.codegen.plan import Axis, refusal
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
+from ann_dc.network.waveforms import check_constant
 from ann_dc.progress import Paced, Progress, Stopped
 from ann_dc.resources import cores
 
@@ -102,7 +103,7 @@ def run_lanes(
     exist. Raises `NetworkError` if sizes do not agree, if the numbers do not fit the network, or if
     no code is generated for the wiring.
     """
-    check_constant(network)
+    check_constant(network.waveforms)
     tape = evaluator(network).tape
     if why := refusal(tape):
         raise NetworkError(f"run_batch: no code is generated for this network: {why}")
@@ -130,16 +131,6 @@ def run_lanes(
         curves=_curves(found) if curves else None,
         numbers=numbers,
     )
-
-
-def check_constant(network: Network) -> None:
-    """Raise `NetworkError` if an input of a network changes over time."""
-    if network.waveforms:
-        raise NetworkError(
-            f"inputs: {', '.join(network.waveforms)} change over time, which OdeBackend.run and "
-            "SpiceBackend.run can follow; give batches and recurrent steps the network at a time, "
-            "network.at_time(0.0)"
-        )
 
 
 def attempts_of(network: Network) -> int:

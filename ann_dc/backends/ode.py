@@ -264,7 +264,9 @@ class OdeBackend:
         NetworkError
             If inputs change over time and no ``duration`` is given, or another right-hand side is.
         """
-        if network.waveforms and (self.duration is None or rhs is not None):
+        if network.waveforms and rhs is not None:
+            raise NetworkError("rhs: another right-hand side has no inputs over time; leave it out")
+        if network.waveforms and self.duration is None:
             raise NetworkError(
                 f"duration: {network.title} has inputs over time, of "
                 f"{', '.join(network.waveforms)}; give the duration of the run"

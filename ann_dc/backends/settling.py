@@ -94,11 +94,6 @@ def settles(trajectory: Trajectory) -> bool:
     return at_rest and not trajectory.network.waveforms
 
 
-def swings(trajectory: Trajectory) -> bool:
-    """Return True if a network is not at rest at the end, although its inputs are constant."""
-    return not (settles(trajectory) or trajectory.network.waveforms)
-
-
 def settling_time(trajectory: Trajectory, settling: Settling, exit: float | None = None) -> float:
     """Return the last exit of the residual and, if requested, of the controls.
 

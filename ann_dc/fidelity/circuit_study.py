@@ -265,14 +265,14 @@ class CircuitStudy:
         """Return a message on a control error or noise that is too large, with a remedy."""
         if noisy(error, self.noise) < NEAR:
             return ""
-        raise_full_scale = "a larger full scale, " if self.raise_full_scale else ""
+        larger = "a larger full scale, " if self.raise_full_scale else ""
         if error < NEAR:
             return (
                 f"noise of {self.noise:.1%} rms of {self.size} is on its controls, beside "
                 f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
-                f"{raise_full_scale}or the mean of many readings"
+                f"{larger}or the mean of many readings"
             )
-        means = f"take better parts, {raise_full_scale}or a slower network"
+        means = f"take better parts, {larger}or a slower network"
         if (off := self.series_rounding.get("resistor", 0.0)) > NEAR / 10:
             means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
         far = f"{error:.1%} of {self.size}, above {NEAR:.0%}"

@@ -164,7 +164,13 @@ class Network(Record):
     def __post_init__(self) -> None:
         check_text("title", self.title)
         check_cell(self.cell, self.stages)
-        object.__setattr__(self, "inputs", self._stage_values("inputs", self.inputs))
+        for name, one in self.waveforms.items():
+            if name not in self.cell.inputs:
+                raise UnknownNameError.of("waveforms: input", name, self.cell.inputs)
+            per_stage(f"waveforms[{name}]", one.values[0], self.stages)
+        now = {name: one.at(0.0) for name, one in self.waveforms.items()}
+        given = {**self.inputs, **now}
+        object.__setattr__(self, "inputs", self._stage_values("inputs", given))
         missing = set(self.cell.inputs) - set(self.inputs)
         if missing:
             raise NetworkError(f"inputs: no value for {', '.join(sorted(missing))}")
@@ -397,7 +403,8 @@ class Network(Record):
         for name in values:
             self.input_scale(name)  # an error where there is none
         now = {n: v.at(0.0) if isinstance(v, Waveform) else v for n, v in values.items()}
-        warn_outside(self.ranges, now)
+        every = {n: v.values if isinstance(v, Waveform) else v for n, v in values.items()}
+        warn_outside(self.ranges, every)
         kept = {name: one for name, one in self.waveforms.items() if name not in values}
         driven = {name: one for name, one in values.items() if isinstance(one, Waveform)}
         return replace(self, inputs={**self.inputs, **now}, waveforms={**kept, **driven})

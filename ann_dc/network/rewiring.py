@@ -182,11 +182,9 @@ def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
         name in (getattr(b, field, "") for field in ("a", "b", "x")) for b in network.cell.blocks
     ):
         return network
-    raise_full_scale = fresh(network, "gain", name)
-    network = _with_block(network, Sum(name=raise_full_scale), after=name)
-    return with_wires(
-        _blocks_reading(network, raise_full_scale, name), [wire(name, raise_full_scale, gain)]
-    )
+    amplified = fresh(network, "gain", name)
+    network = _with_block(network, Sum(name=amplified), after=name)
+    return with_wires(_blocks_reading(network, amplified, name), [wire(name, amplified, gain)])
 
 
 def _read(gain: np.ndarray, template: int) -> np.ndarray:

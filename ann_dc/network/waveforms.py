@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ann_dc.errors import NetworkError, OutputError, UnknownNameError, such_as
+from ann_dc.dataclass_pickling import Record
+from ann_dc.errors import FileFormatError, NetworkError, UnknownNameError, such_as
 from ann_dc.validation import Finite, checked
 
 Hold: TypeAlias = Literal["linear", "previous"]
@@ -20,7 +22,7 @@ HOLDS: dict[str, Hold] = {"linear": "linear", "previous": "previous"}
 @such_as("ann_dc.Waveform(times=[0.0, 10.0], values=[1.0, 2.0])")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Waveform:
+class Waveform(Record):
     """Input as a function of network time.
 
     The first value applies before the first time, and the last one after the last time.
@@ -53,14 +55,16 @@ class Waveform:
     def __post_init__(self) -> None:
         times, values = (np.array(given, float) for given in (self.times, self.values))
         if times.ndim != 1 or not len(times) or not (np.diff(times) > 0).all():
-            raise NetworkError("waveform: expected increasing times (K,)")
+            raise NetworkError(f"waveform: expected increasing times (K,), got {times!r:.80}")
         if values.ndim not in (1, 2) or len(values) != len(times):
             raise NetworkError(
                 f"waveform: expected values ({len(times)},) or ({len(times)}, N), one per time, "
                 f"got {values.shape}"
             )
         if not (np.isfinite(times).all() and np.isfinite(values).all()):
-            raise NetworkError("waveform: a time or value is not finite")
+            raise NetworkError(
+                f"waveform: a time or value is not finite: {times!r:.80}, {values!r:.80}"
+            )
         for name, array in (("times", times), ("values", values)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -72,13 +76,13 @@ class Waveform:
         """Read a column of a CSV file with a header, and the column of its times.
 
         Raises `UnknownNameError` if a column does not exist, `NetworkError` if a cell is no number,
-        and `OutputError` if the file cannot be read.
+        and `FileFormatError` if the file cannot be read.
         """
         try:
-            with open(path, encoding="utf-8", newline="") as file:
+            with open(path, encoding="utf-8-sig", newline="") as file:
                 rows = list(csv.DictReader(file))
-        except OSError as error:
-            raise OutputError(f"{os.fspath(path)}: cannot be read: {error}") from error
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise FileFormatError(f"{os.fspath(path)}: cannot be read as CSV: {error}") from error
         found = []
         for name in (time, column):
             if not rows or name not in rows[0]:
@@ -98,3 +102,13 @@ class Waveform:
             return values[max(last, 0)]
         share = (time - times[last]) / (times[last + 1] - times[last])
         return (1.0 - share) * values[last] + share * values[last + 1]
+
+
+def check_constant(waveforms: Mapping[str, Waveform]) -> None:
+    """Raise `NetworkError` if inputs of a network change over time."""
+    if waveforms:
+        raise NetworkError(
+            f"inputs: {', '.join(waveforms)} change over time, which OdeBackend.run and "
+            "SpiceBackend.run can follow; give batches, layers and two levels the network at a "
+            "time, network.at_time(0.0)"
+        )

@@ -90,7 +90,7 @@ def around(plans: Plans, problem: OptimalControlProblem, progress: Progress = si
     printed = driven(plans)
     short, segments = problem.with_horizon(SEGMENT), []
     for before, after in pairwise(printed):
-        progress(f"{plans.case.name}: leg {len(segments) + 1}")
+        progress(f"{plans.case.name}: segment {len(segments) + 1}")
         ends = (before.q[:, -1], after.q[:, 0])
         q_0, q_d = (tuple(end.tolist()) for end in ends)
         segments.append(solve(short.with_inputs(q_0=q_0, q_d=q_d)))

@@ -167,7 +167,9 @@ def _positions(
         return time
     if against == "steps":
         if not isinstance(run, Run):
-            raise NetworkError("against: a circuit has no steps; take 'time' or 'seconds'")
+            raise NetworkError(
+                "against: a trajectory or circuit has no steps; take 'time' or 'seconds'"
+            )
         grid = np.linspace(0, run.steps, len(trajectory.residual_time))
         return np.interp(time, trajectory.residual_time, grid)
     own = run.deck.timing.unit if isinstance(run, CircuitRun) else unit

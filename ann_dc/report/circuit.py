@@ -266,7 +266,7 @@ class CircuitReport:
             "energy": found.cost.energy,
             "full_scale": found.circuit.scaling.full_scale,
             "seconds_per_unit": found.deck.timing.unit,
-            "margin": found.circuit.scaling.bandwidth_margin,
+            "bandwidth_margin": found.circuit.scaling.bandwidth_margin,
             "preconditioner": found.circuit.schematic.network.preconditioner.kind.name.lower(),
             "demand": None if found.demand is None else asdict(found.demand),
             "undemanded": found.undemanded,

@@ -14,8 +14,8 @@ from rich.text import Text
 from ann_dc import plotting
 from ann_dc.backends.curves import RESIDUALS, write_curves
 from ann_dc.backends.run import Run
+from ann_dc.backends.settling import settles
 from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.backends.spice.probe import settles
 from ann_dc.backends.status import Outcome
 from ann_dc.network.network import Network
 from ann_dc.plotting.neurons import neurons
@@ -122,7 +122,7 @@ class NetworkRunReport:
         if isinstance(run, CircuitRun):
             circuit = {
                 "seconds_per_unit": run.deck.timing.unit,
-                "margin": run.scaling.bandwidth_margin,
+                "bandwidth_margin": run.scaling.bandwidth_margin,
                 "parts": run.deck.parts,
                 **picked(run, "control_error", "mean_square_error"),
                 "overloads": [str(overload) for overload in run.overloads],

@@ -396,17 +396,24 @@ def check_together(
                 f"{field}: {name} is of parts, and no circuit runs; leave run.backend out, or take "
                 f"one of {', '.join(CIRCUITS)}"
             )
-        if name in ("run.order", "run.step") and "recurrent" not in met:
-            raise StudyError(f"{field}: {name} means something with run.backend = 'recurrent' only")
-        if name == "nonideal.noise" and "run.duration" not in given:
-            raise StudyError(f"{field}: {name} lasts as long as a run; set run.duration, too")
-        if name == "run.method" and "ode" not in met:
-            raise StudyError(f"{field}: {name} means something with run.backend = 'ode' only")
-        if name == "run.duration" and not met & {*TIMED}:
-            raise StudyError(
-                f"{field}: {name} is a network time, which a run has with run.backend = "
-                f"{' or '.join(map(repr, TIMED))} only"
-            )
+        _check_run(field, name, met, given)
+
+
+def _check_run(field: str, name: str, met: set[str], given: set[str]) -> None:
+    """Raise `StudyError` for a setting of runs that none of the backends reads."""
+    if name in ("run.order", "run.step") and "recurrent" not in met:
+        raise StudyError(f"{field}: {name} means something with run.backend = 'recurrent' only")
+    if name == "nonideal.noise" and "run.duration" not in given:
+        raise StudyError(f"{field}: {name} lasts as long as a run; set run.duration, too")
+    if name == "run.method" and "ode" not in met:
+        raise StudyError(f"{field}: {name} means something with run.backend = 'ode' only")
+    if name == "run.limit" and "run.duration" in given:
+        raise StudyError(f"{field}: a run of a given run.duration has no run.limit; leave it out")
+    if name == "run.duration" and not met <= {*TIMED}:
+        raise StudyError(
+            f"{field}: {name} is a network time, which a run has with run.backend = "
+            f"{' or '.join(map(repr, TIMED))} only"
+        )
 
 
 def names_of(subject: Subject) -> tuple[str, ...]:

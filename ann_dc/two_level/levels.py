@@ -30,6 +30,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
+from ann_dc.network.waveforms import check_constant
 from ann_dc.progress import Progress, silent
 from ann_dc.two_level.lower_level import LowerLevel
 from ann_dc.two_level.lyapunov import Distances, Lyapunov
@@ -75,6 +76,7 @@ class TwoLevels:
     def __init__(
         self, network: Network, *, upper: UpperLevel, lower: LowerLevel | None = None
     ) -> None:
+        check_constant(network.waveforms)
         self.network, self.upper, self.lower = network, upper, lower or upper.suited()
         self._rows = rows_of(network)
         self.lower.check(network)

@@ -9,7 +9,8 @@ from ann_dc import Waveform
 from ann_dc.backends import ode, tracking_error
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.two_level import NewtonCoordinator
 
 RAMP = Waveform(times=[0.0, 2.0, 3.0], values=[0.0, 2.0, 2.0])
 HELD = Waveform(times=[0.0, 2.0, 3.0], values=[1.0, -1.0, 0.5], hold="previous")
@@ -145,3 +146,42 @@ def test_boards_follow_and_are_not_predicted():
 def test_what_cannot_follow_says_so(run, named):
     with pytest.raises(NetworkError, match=named):
         run(low_pass(RAMP))
+
+
+@pytest.mark.parametrize("method", ode.METHODS.values(), ids=lambda method: method.name)
+def test_a_saturated_neuron_lets_go_when_its_input_turns(method):
+    """x' = u within -1 and 1, with u from 1 to -1 in 100: from 1 at t = 50 on, x falls."""
+    wire = Connection(source="u", target="x")
+    neuron = Neuron(name="x", limiter=Limiter(low=-1.0, high=1.0))
+    network = Network(cell=Cell(neurons=(neuron,), inputs=("u",), connections=(wire,)), stages=1,
+                      inputs={"u": 0.0})  # fmt: skip
+    ramp = Waveform(times=[0.0, 100.0], values=[1.0, -1.0])
+    run = ann_dc.OdeBackend(method=method, duration=60.0).run(network.with_inputs({"u": ramp}))
+    assert run.trajectory["x"][-1, 0] == pytest.approx(1 - 10.0**2 / 100, abs=1e-2)
+
+
+def test_layers_and_two_levels_refuse_inputs_over_time():
+    network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
+    moving = network.with_inputs({"q_d.x": Waveform(times=[0.0, 1.0], values=[1.0, 2.0])})
+    for made in (
+        lambda: ann_dc.RecurrentLayer(moving),
+        lambda: ann_dc.TwoLevels(moving, upper=NewtonCoordinator()),
+    ):
+        with pytest.raises(NetworkError, match=r"q_d\.x change over time"):
+            made()
+
+
+@needs_ngspice
+def test_a_driven_oscillator_has_the_steps_of_an_oscillator():
+    """x'' = -x + u: an input of zero over time is none."""
+    wires = (
+        Connection(source="y", target="x"),
+        Connection(source="x", target="y", weight=-1.0),
+        Connection(source="u", target="y"),
+    )
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")), inputs=("u",), connections=wires)
+    network = Network(cell=cell, stages=1, inputs={"u": 0.0}, start={"x": 1.0})
+    still = network.with_inputs({"u": Waveform(times=[0.0, 100.0], values=[0.0, 0.0])})
+    backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(), duration=100.0)
+    errors = [backend.run(each).mean_square_error for each in (network, still)]
+    assert errors[1] == pytest.approx(errors[0], rel=0.1)

@@ -1,11 +1,13 @@
 """Inputs over time: samples, holds, files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 import ann_dc
-from ann_dc.errors import NetworkError, OutputError, UnknownNameError
+from ann_dc.errors import FileFormatError, NetworkError, UnknownNameError
 from ann_dc.network import Waveform
 
 TIMES = st.lists(st.floats(0.01, 5.0), min_size=1, max_size=8).map(np.cumsum)
@@ -39,7 +41,7 @@ def test_a_column_of_a_file_is_a_waveform(tmp_path):
         Waveform.from_csv(file, "y")
     with pytest.raises(UnknownNameError, match="z"):
         Waveform.from_csv(file, "z")
-    with pytest.raises(OutputError, match=r"none\.csv"):
+    with pytest.raises(FileFormatError, match=r"none\.csv"):
         Waveform.from_csv(tmp_path / "none.csv", "x")
 
 
@@ -86,3 +88,29 @@ def test_files_keep_waveforms(tmp_path):
     from ann_dc.weights.hashes import content_hash
 
     assert content_hash(moving) != content_hash(network)
+
+
+def test_inputs_are_those_of_time_zero_whatever_is_replaced():
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    wave = Waveform(times=[0.0, 10.0], values=[1.0, 2.0])
+    moving = network.with_inputs({"q_d.x": wave})
+    assert replace(moving, inputs={**moving.inputs, "q_d.x": 7.0}).inputs["q_d.x"][0] == 1.0
+    with pytest.raises(UnknownNameError, match="wind"):
+        replace(network, waveforms={"wind": wave})
+    with pytest.raises(NetworkError, match=r"waveforms\[q_d.x\]"):
+        replace(network, waveforms={"q_d.x": Waveform(times=[0.0], values=[[1.0, 2.0]])})
+
+
+def test_a_waveform_that_leaves_the_range_of_the_design_is_warned_of():
+    problem = ann_dc.plants.double_integrator(N=3)
+    network = ann_dc.design(problem, ranges={"q_d.x": (0.5, 2.0)}).network
+    with pytest.warns(ann_dc.errors.RangeWarning, match=r"q_d\.x = 9"):
+        network.with_inputs({"q_d.x": Waveform(times=[0.0, 10.0], values=[1.0, 9.0])})
+
+
+def test_files_that_are_no_csv_are_told(tmp_path):
+    (tmp_path / "bytes.csv").write_bytes(b"time,x\n0,\xff\n")
+    with pytest.raises(FileFormatError, match=r"bytes\.csv"):
+        Waveform.from_csv(tmp_path / "bytes.csv", "x")
+    (tmp_path / "excel.csv").write_bytes("\ufefftime,x\n0,1\n".encode())
+    assert Waveform.from_csv(tmp_path / "excel.csv", "x").values.tolist() == [1.0]

@@ -93,7 +93,7 @@ class LimitedSolver:
         if inner.status != "failed":
             inside, held, start = inner.dense_output(), self._held, self._began
             self._polynomial = Piece(self.t, lambda times: _kept(inside(times), held, start))
-            if self._changes(self.y):
+            if self._changes(self.t, self.y):
                 self._stop_before_the_first_change(began)
         return message
 
@@ -103,7 +103,7 @@ class LimitedSolver:
 
     def _begin(self, time: float, x: np.ndarray) -> None:
         x = np.clip(_kept(x, self._held, self._began), self._low, self._high)
-        held = self._at_rest(x)
+        held = self._at_rest(time, x)
         self._held, self._began = held, x
         free, jacobian_of = sparse.diags_array((~held).astype(float)), self._jacobian(held)
 
@@ -127,21 +127,21 @@ class LimitedSolver:
         inside = np.clip(x, self._low + low, self._high - high)
         return np.where(self._held, self._began, inside)
 
-    def _at_rest(self, x: np.ndarray) -> np.ndarray:
+    def _at_rest(self, time: float, x: np.ndarray) -> np.ndarray:
         """Mark neurons (n,) at or beyond a limit that the saturation rule retains there."""
         x = np.clip(x, self._low, self._high)
-        return ((x >= self._high) | (x <= self._low)) & (self._rhs(0.0, x) == 0)
+        return ((x >= self._high) | (x <= self._low)) & (self._rhs(time, x) == 0)
 
-    def _changes(self, x: np.ndarray) -> bool:
+    def _changes(self, time: float, x: np.ndarray) -> bool:
         if not (self._held | (x >= self._high) | (x <= self._low)).any():
             return False
-        return not np.array_equal(self._at_rest(x), self._held)
+        return not np.array_equal(self._at_rest(time, x), self._held)
 
     def _stop_before_the_first_change(self, before: float) -> None:
         after, states = self.t, self._polynomial.states
         for _ in range(HALVINGS):
             middle = 0.5 * (before + after)
-            if self._changes(states(middle)):
+            if self._changes(middle, states(middle)):
                 after = middle
             else:
                 before = middle

@@ -12,7 +12,7 @@ import torch
 
 from ann_dc.backends.batch import BatchRecorder, BatchRun
 from ann_dc.backends.integration.integrator import RUNNING
-from ann_dc.backends.lane_batch import OUTCOMES, check_constant
+from ann_dc.backends.lane_batch import OUTCOMES
 from ann_dc.backends.layers.ledger import Ledger
 from ann_dc.backends.layers.loop import Loop
 from ann_dc.backends.layers.recurrent_layer import RecurrentLayer
@@ -34,7 +34,6 @@ def run_batch(
     progress: Progress,
 ) -> BatchRun:
     """Run a batch like `RecurrentBackend.run_batch`, checking every ``check`` steps."""
-    check_constant(layer.cell.network)
     network, recorder = layer.cell.network, BatchRecorder(curves)
 
     def record(loop: Loop, residuals: torch.Tensor, ledger: Ledger) -> None:

@@ -27,6 +27,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.inputs import input_batch, start_moves
 from ann_dc.network.network import Network
+from ann_dc.network.waveforms import check_constant
 from ann_dc.validation import checked
 from ann_dc.weights.hashes import frame_hash, wiring_hash
 
@@ -85,6 +86,7 @@ class CellLayer(nn.Module):
         if dtype not in (torch.float32, torch.float64):
             raise NetworkError(f"dtype: expected torch.float32 or torch.float64, got {dtype!r}")
         check_device(device)
+        check_constant(network.waveforms)
         self.network = network
         self.layout = Layout(network, dtype=dtype)
         tape, edges, cell = evaluator(network).tape, evaluator(network).edges, network.cell

@@ -17,7 +17,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.settling import settles, swings
+from ann_dc.backends.settling import settles
 from ann_dc.backends.spice.circuit_run import (
     CircuitRun,
     check_full_scale,
@@ -29,7 +29,7 @@ from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.backends.spice.probe import fastest_rate, probed, span_of
+from ann_dc.backends.spice.probe import fastest_rate, probed, span_of, swings
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -81,8 +81,8 @@ class SpiceBackend:
     bandwidth_margin : float, optional
         Bandwidth margin, the usable bandwidth of the parts over that of the network's fastest mode:
         k = 2 pi f T / radius. The default is `MARGIN`, or the margin that capacitances and poles of
-        the parts require; `WAVEFORM_MARGIN` for a network that does not settle, whose waveforms
-        are delayed by 1 / k of its time constants.
+        the parts require; `WAVEFORM_MARGIN` for a network that does not settle or follows inputs
+        over time, whose waveforms are delayed by 1 / k of its time constants.
     intervals : mapping of node name to (low, high)
         Ranges that the probe run does not show, in the user's units; see `scale`, and
         `fitting_intervals` for Lagrange multipliers.

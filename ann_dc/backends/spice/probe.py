@@ -98,6 +98,24 @@ def _scaling(probe: Trajectory, rules: ScalingRules, rate: float) -> Scaling:
     return scale(probe.network, run, rules)
 
 
+DAMPED = 0.05
+"""Smallest damping ratio of modes that do not swing."""
+
+
+def swings(probe: Trajectory) -> bool:
+    """Return True if a network that does not settle has modes that hardly decay.
+
+    An oscillator has such modes; a network that follows inputs over time has them if its
+    equilibrium has.
+    """
+    if settles(probe):
+        return False
+    if not probe.network.waveforms:
+        return True
+    modes = spectrum(probe.network.at_time(float(probe.time[-1])), probe.final).eigenvalues
+    return bool((-modes.real < DAMPED * np.abs(modes.imag)).any())
+
+
 def fastest_rate(probe: Trajectory) -> float:
     """Return the spectral radius at the settled point, in 1 / network time.
 
@@ -106,7 +124,8 @@ def fastest_rate(probe: Trajectory) -> float:
     places = [-1]
     if not settles(probe):
         places = np.unique(np.linspace(0, len(probe.time) - 1, RATES).astype(int)).tolist()
-    return max(spectrum(probe.network, probe.states[place]).radius for place in places)
+    networks = (probe.network.at_time(float(probe.time[place])) for place in places)
+    return max(spectrum(n, probe.states[k]).radius for n, k in zip(networks, places))
 
 
 def _run(network: Network, backend: OdeBackend) -> Trajectory:

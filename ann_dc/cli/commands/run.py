@@ -43,7 +43,7 @@ class ModelOptions(LevelOptions):
     bandwidth_margin: float | None = option(
         "Bandwidth of a circuit's parts over that of the network's fastest mode.",
         metavar="K",
-        show_default="10; 100,000 if the network does not settle",
+        show_default="10; 100,000 if the network does not settle or follows inputs",
     )
     method: str | None = option(
         "Integrator of the ODE: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
@@ -150,6 +150,8 @@ def _with_inputs(network: Any, given: list[str]):
         if is_file:
             values[name] = Waveform.from_csv(f"{file}.csv", column)
             continue
+        if text.endswith(".csv"):
+            raise ProblemError(f"--input {name}: add the column, {name}={text}:COLUMN")
         numbers = [number_of(f"--input {name}", word.strip()) for word in text.split(",")]
         if len(numbers) not in (1, network.stages):
             raise ProblemError(

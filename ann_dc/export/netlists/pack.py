@@ -189,7 +189,8 @@ def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
     if build.settles:
         lines += [f"A circuit {_accuracy_words(build.control_error, build.probe.size_in_words)}."]
     else:
-        lines += [f"A circuit that does not settle; it runs for {build.deck.timing.end:.4g} s."]
+        kind = "follows inputs over time" if build.network.waveforms else "does not settle"
+        lines += [f"A circuit that {kind}; it runs for {build.deck.timing.end:.4g} s."]
     lines += [f"WARNING: {build.doubt}."] if build.doubt else []
     return "\n\n".join(lines)
 

@@ -6,7 +6,8 @@ The steps are forward Euler steps of one length h, clipped to the saturation lim
 
 Every export can take these steps and must reach the same states. The residual is that of all runs.
 The iteration ends at the first state with a residual below the tolerance. A vector of a given
-duration is that of a network that need not settle, such as an oscillator.
+duration is that of a network that need not settle, such as an oscillator. Inputs that change over
+time have their values at time zero.
 """
 
 from __future__ import annotations
