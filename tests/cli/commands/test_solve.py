@@ -6,7 +6,7 @@ from command_line import PENDULUM, RECURRENT, SMALL, refused, run, strict, termi
 from torch_free import forget_torch
 
 import ann_dc
-from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.ode import LIMIT, OdeBackend
 from ann_dc.backends.recurrent import backend as recurrent_backend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.optimality.certificate import LARGEST_RESIDUAL
@@ -15,7 +15,7 @@ from ann_dc.optimality.certificate import LARGEST_RESIDUAL
 def test_help_tells_the_defaults_of_the_library():
     ode, recurrent = OdeBackend(), RecurrentBackend()
     _, text = run("solve", "--help")
-    for default in (ode.method.name, recurrent.order.name, f"{ode.limit:g} or {recurrent.limit}"):
+    for default in (ode.method.name, recurrent.order.name, f"{LIMIT:g} or {recurrent.limit}"):
         assert f"[default: ({default})]" in text
 
 
