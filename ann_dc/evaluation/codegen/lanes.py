@@ -92,7 +92,7 @@ class Lanes:
         self.size = self.chunks * self.neurons * self.lanes
         beyond = self.neurons * self.lanes if self.plan.has_stiffness else self.lanes
         self.reserve, room = (-(-n // 64) * 64 for n in (self.size, beyond))
-        """Where in a table of derivatives nobody looks: behind all cells, in whole blocks."""
+        """Place behind all cells in a table of derivatives, in whole blocks, that no code reads."""
         self.spare = self.reserve + room
         """Numbers of such a table; a stiffness has room for a cell more."""
         self.tables = self._tables()
