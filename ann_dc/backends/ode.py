@@ -209,7 +209,7 @@ class OdeBackend:
         if self.duration is not None:
             ends = ends._replace(settled=0.0, most_steps=ENDLESS, window=ENDLESS)
         steps = {
-            "until": self.until(network),
+            "until": self._until(network, fastest),
             "confirmed": self.settling.confirmed,
             "first": FIRST_STEP * fastest,
             "rtol": method.rtol,
@@ -232,14 +232,13 @@ class OdeBackend:
             batch = batch.completed()
         return batch.with_between(partial(CompiledAgain, method=method))
 
-    def until(self, network: Network) -> float:
-        """Return the network time at which a run of a network ends at the latest, at first."""
+    def _until(self, network: Network, fastest: float) -> float:
+        """Return the time limit of a run, with the fastest time constant at the start."""
         if self.duration is not None:
             return self.duration
-        compiled = fast_evaluator(network)
         if self.limit is not None:
-            return self.limit / fastest_rate(compiled, network.start_state)
-        return LIMIT * Beginning.of(network, compiled).fastest
+            return self.limit / fastest_rate(fast_evaluator(network), network.start_state)
+        return LIMIT * fastest
 
     @checked
     def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:
@@ -325,7 +324,7 @@ class _Integration:
     def _ends(self, method: Method) -> Ends:
         settling = self.backend.settling
         return Ends(
-            until=self.backend.until(self.network),
+            until=self.backend._until(self.network, self.fastest),
             settled=settling.confirmed if self.backend.duration is None else 0.0,
             largest=self.largest,
             rtol=method.rtol,
