@@ -364,13 +364,14 @@ class _Integration:
         return self._failure(stepper.state, stepper.time)
 
     def _failure(self, x: np.ndarray, now: float) -> Status | None:
-        failed = self.stepper.failed
-        if failed or not float(np.abs(x).max()) < self.largest:
+        failed, beyond = self.stepper.failed, self.stepper.beyond
+        if beyond is None and (failed or not float(np.abs(x).max()) < self.largest):
             return status.diverged(self.network, x, now, failed)
-        beyond = self.stepper.beyond
         block, stage = self.compiled.outside(x if beyond is None else beyond, self.guard)
         if block >= 0:
             return status.left_domain(self.network, block, stage, now)
+        if failed:
+            return status.diverged(self.network, x, now, failed)
         if self.backend.duration is not None:
             return self._reported(status.completed) if self.stepper.at_end else None
         if why := self._time_is_up(x, now):

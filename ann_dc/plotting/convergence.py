@@ -153,6 +153,11 @@ def _curve(
     if error == "residual":
         time, values = trajectory.residual_time, trajectory.kkt
     else:
+        if trajectory.network.waveforms:
+            raise NetworkError(
+                f"error: {error!r} refers to one optimum, but inputs change over time; take "
+                "'residual', or backends.tracking_error for the error over time"
+            )
         rows = _spread(len(trajectory.time))
         time, states = trajectory.time[rows], trajectory.states[rows]
         compare = _control_errors if error == "controls" else _cost_errors

@@ -22,6 +22,8 @@ from ann_dc.weights.writing import arrays_of, manifest_of
 
 WORDS = ("schema", "title", "about", "tensors", "hashes")
 """Manifest entries that do not depend on the wiring."""
+NUMBERS = ("waveforms",)
+"""Manifest entries that describe numbers; the wiring does not depend on them either."""
 FRAME = ("limits", "scale_factor", "scale_offset", "input_scale", "stiffness")
 """Arrays without gains and weights, by the first part of their names."""
 
@@ -29,7 +31,7 @@ FRAME = ("limits", "scale_factor", "scale_offset", "input_scale", "stiffness")
 @checked
 def wiring_hash(network: Network) -> str:
     """Compute the SHA-256 of names and connections, without numbers and title, in hexadecimal."""
-    return hashlib.sha256(_without(manifest_of(network), WORDS)).hexdigest()
+    return _wiring(manifest_of(network))
 
 
 @checked
@@ -45,7 +47,8 @@ def frame_hash(network: Network) -> str:
     These are the parts of a network into which gains and weights are set.
     """
     frame = {n: v for n, v in arrays_of(network).items() if n.partition("/")[0] in FRAME}
-    return hash_of(manifest_of(network), frame)
+    manifest = manifest_of(network)
+    return hash_of({n: v for n, v in manifest.items() if n not in NUMBERS}, frame)
 
 
 def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:
@@ -61,7 +64,7 @@ def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:
 def hashes_of(manifest: Mapping, arrays: Mapping[str, object]) -> dict[str, str]:
     """Compute the three hashes of a manifest and its arrays, by name."""
     return {
-        "wiring": hashlib.sha256(_without(manifest, WORDS)).hexdigest(),
+        "wiring": _wiring(manifest),
         "content": hash_of(manifest, arrays),
         "manifest": hashlib.sha256(_without(manifest, ("hashes",))).hexdigest(),
     }
@@ -82,6 +85,10 @@ def check_hashes(table: Table, arrays: Mapping[str, object]) -> None:
                 f"manifest.hashes.{name}: the file was changed after it was saved; save the "
                 "network again"
             )
+
+
+def _wiring(manifest: Mapping) -> str:
+    return hashlib.sha256(_without(manifest, (*WORDS, *NUMBERS))).hexdigest()
 
 
 def _without(manifest: Mapping, keys: tuple[str, ...]) -> bytes:

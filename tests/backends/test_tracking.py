@@ -7,9 +7,10 @@ from simulator import needs_ngspice
 import ann_dc
 from ann_dc import Waveform
 from ann_dc.backends import ode, tracking_error
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import predict
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.network import Cell, Connection, Function, Limiter, Network, Neuron
 from ann_dc.two_level import NewtonCoordinator
 
 RAMP = Waveform(times=[0.0, 2.0, 3.0], values=[0.0, 2.0, 2.0])
@@ -185,3 +186,22 @@ def test_a_driven_oscillator_has_the_steps_of_an_oscillator():
     backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(), duration=100.0)
     errors = [backend.run(each).mean_square_error for each in (network, still)]
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
+
+
+@pytest.mark.parametrize("method", ode.METHODS.values(), ids=lambda method: method.name)
+def test_an_input_that_drives_a_block_out_of_its_domain_is_named(method):
+    """x' = a(t) - sqrt(x) has no equilibrium once a is negative."""
+    cell = Cell(
+        neurons=(Neuron(name="x"),),
+        inputs=("a",),
+        blocks=(Function(name="root", function="sqrt", x="x"),),
+        connections=(
+            Connection(source="root", target="x", weight=-1.0),
+            Connection(source="a", target="x", weight=1.0),
+        ),
+    )
+    network = Network(cell=cell, stages=1, start={"x": 1.0}, inputs={"a": 1.0})
+    falls = Waveform(times=[0.0, 1.0, 2.0], values=[1.0, 1.0, -2.0])
+    run = ann_dc.OdeBackend(duration=15.0, method=method).run(network.with_inputs({"a": falls}))
+    assert run.status.outcome is Outcome.LEFT_DOMAIN
+    assert "root in cell 0" in str(run.status)

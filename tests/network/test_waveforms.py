@@ -9,6 +9,7 @@ from hypothesis import given, strategies as st
 import ann_dc
 from ann_dc.errors import FileFormatError, NetworkError, UnknownNameError
 from ann_dc.network import Waveform
+from ann_dc.weights.hashes import content_hash, frame_hash, wiring_hash
 
 TIMES = st.lists(st.floats(0.01, 5.0), min_size=1, max_size=8).map(np.cumsum)
 
@@ -85,9 +86,10 @@ def test_files_keep_waveforms(tmp_path):
         assert found[name].hold == wave.hold
         np.testing.assert_array_equal(found[name].times, wave.times)
         np.testing.assert_array_equal(found[name].values, wave.values)
-    from ann_dc.weights.hashes import content_hash
-
     assert content_hash(moving) != content_hash(network)
+    assert content_hash(moving) != content_hash(moving.with_inputs({"q_0.x": waves["q_d.x"]}))
+    assert wiring_hash(moving) == wiring_hash(network)
+    assert frame_hash(moving) == frame_hash(network)
 
 
 def test_inputs_are_those_of_time_zero_whatever_is_replaced():

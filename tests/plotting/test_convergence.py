@@ -118,6 +118,15 @@ def test_an_axis_that_a_run_has_not_is_named(given, settings, named):
         plotting.convergence({name: known[name]() for name in given}, **settings)
 
 
+def test_errors_from_an_optimum_that_moves_are_refused():
+    moving = ann_dc.Waveform(times=[0.0, 10.0], values=[1.0, 2.0])
+    network = solution().network.with_inputs({"q_d.x": moving})
+    run = ann_dc.OdeBackend(duration=20.0).run(network)
+    assert plotting.convergence([run]).axes
+    with pytest.raises(NetworkError, match="error: 'controls' refers to one optimum"):
+        plotting.convergence([run], error="controls")
+
+
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_files_are_of_the_suffix_and_equal_for_equal_figures(suffix, tmp_path):
     heads = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}

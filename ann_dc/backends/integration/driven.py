@@ -37,6 +37,7 @@ class DrivenStepper(Stepper):
         self.time, self.state = 0.0, network.start_state
         self._ends = breakpoints(network, duration)[1:].tolist()
         self._pieces: list[_Piece] = []
+        self._lost: np.ndarray | None = None
         self._begin()
 
     @property
@@ -70,18 +71,23 @@ class DrivenStepper(Stepper):
     def _slope(self, time: float, x: np.ndarray) -> np.ndarray:
         self.evaluations += 1
         self._set(time)
-        return self._compiled.rhs(x)
+        slope = self._compiled.rhs(x)
+        if not np.isfinite(slope).all():
+            self._lost = np.array(x)
+        return slope
 
     def steps(self, most: int) -> Steps:
         """Take one step; return no row if it fails."""
         message = take_step(self._solver, self._method, self._compiled, np.inf)
         if self._solver.status == "failed":
-            self.failed = message or "the method failed"
+            self.failed, self.beyond = message or "the method failed", self._lost
             return np.empty(0), np.empty((0, 2)), np.empty((0, self.state.size))
         is_over, inside = self._solver.status == "finished", self._solver.dense_output()
         self._pieces.append(_Piece(self._began, self._began + inside.t, inside))
         self.time = self._until if is_over else self._began + float(self._solver.t)
         self.state = within_limits(self._compiled, self._solver.y)
+        if not np.isfinite(self.state).all():  # LSODA accepts such a step
+            self.beyond = self._lost
         self._set(float(self._solver.t))
         residuals = self._compiled.residuals(self.state)
         self.at_end = is_over and not self._ends

@@ -29,7 +29,7 @@ from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.backends.spice.probe import fastest_rate, probed, span_of, swings
+from ann_dc.backends.spice.probe import fastest_rate, moments, probed, span_of, swings
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -171,16 +171,18 @@ class SpiceBackend:
         found = probed(network, rules, self.progress, self.duration)
         if self.bandwidth_margin is None and not settles(found.trajectory):
             found = replace(found, scaling=found.scaling.slower(WAVEFORM_MARGIN / MARGIN))
+        probe = found.trajectory
+        places = moments(probe)
         sizing = Sizing(
             schematic=schematic_of(found.network, differential=level.technology.differential),
             scaling=found.scaling,
             level=level,
-            x=found.trajectory.final,
-            settles=settles(found.trajectory),
+            x=probe.final,
+            run=None if settles(probe) else (probe.states[places], probe.time[places]),
             bandwidth_margin=self.bandwidth_margin,
             lag=self.node_lag / found.rate,
         )
-        return sized_circuit(sizing, progress=self.progress), found.trajectory
+        return sized_circuit(sizing, progress=self.progress), probe
 
     @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:

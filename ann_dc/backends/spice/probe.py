@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -43,7 +44,7 @@ PROBE = OdeBackend(method=DOP853, verify=False)
 """Backend of the run by which a circuit is scaled and with which it is compared."""
 
 RATES = 64
-"""Number of states of a run of given duration at which its fastest rate is computed."""
+"""Number of states of a run of given duration at which its circuit is sized."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,11 +122,22 @@ def fastest_rate(probe: Trajectory) -> float:
 
     If the network does not settle, the result is the largest of `RATES` states of the run.
     """
-    places = [-1]
-    if not settles(probe):
-        places = np.unique(np.linspace(0, len(probe.time) - 1, RATES).astype(int)).tolist()
-    networks = (probe.network.at_time(float(probe.time[place])) for place in places)
-    return max(spectrum(n, probe.states[k]).radius for n, k in zip(networks, places))
+    if probe not in _rates:
+        places = moments(probe)
+        networks = (probe.network.at_time(float(probe.time[place])) for place in places)
+        radii = (spectrum(n, probe.states[k]).radius for n, k in zip(networks, places))
+        _rates[probe] = max(radii)
+    return _rates[probe]
+
+
+_rates: WeakKeyDictionary[Trajectory, float] = WeakKeyDictionary()
+
+
+def moments(probe: Trajectory) -> list[int]:
+    """Return the rows of a run at which its circuit is sized: the settled one, or `RATES`."""
+    if settles(probe):
+        return [-1]
+    return np.unique(np.linspace(0, len(probe.time) - 1, RATES).astype(int)).tolist()
 
 
 def _run(network: Network, backend: OdeBackend) -> Trajectory:

@@ -56,19 +56,19 @@ GIVEN = 0.7
 
 
 @checked
-def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
-    """Return the smallest margin with which clamps hold at the ideal settled state.
+def holding_margin(circuit: Circuit, level: Level, x: State, time: float = 0.0) -> float:
+    """Return the smallest margin with which clamps hold at a state of the ideal network.
 
-    The state ``x`` (n,) is the settled point of the ideal network. The circuit may have any margin;
-    its resistors are not changed. The result is zero if no neuron is saturated, and infinite if no
-    margin is sufficient.
+    The state ``x`` (n,) is the settled point of the ideal network, or a state at a network ``time``
+    of its run, with the inputs of this time. The circuit may have any margin; its resistors are not
+    changed. The result is zero if no neuron is saturated, and infinite if no margin is sufficient.
     """
     sheet, scaling = level.datasheet, circuit.scaling
     limited = circuit.schematic.limited
     if not (limited and level.emulated):
         return 0.0
     network, swing = circuit.schematic.network, op_amp_output_swing(sheet, level.full_scale)
-    drives, least = evaluator(_unlimited(network)).drives(x), 0.0
+    drives, least = evaluator(_unlimited(network.at_time(time))).drives(x), 0.0
     values = network.unpack(x)
     for part in limited:
         row, built = network.neuron_index[part.name], circuit.limiter(part)
@@ -84,12 +84,12 @@ def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
 
 
 @checked
-def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
-    """Raise `NetworkError` if the clamps would not hold at the settled state ``x``.
+def check_clamps(circuit: Circuit, level: Level, least: float) -> None:
+    """Raise `NetworkError` if the margin is below the `holding_margin` ``least`` of the clamps.
 
-    The state (n,) is that of the ideal network. The message names a sufficient margin.
+    The message names a sufficient margin.
     """
-    least, bandwidth_margin = holding_margin(circuit, level, x), circuit.scaling.bandwidth_margin
+    bandwidth_margin = circuit.scaling.bandwidth_margin
     if least > bandwidth_margin * (1 + 1e-6):
         cure = (
             f"take a margin of {-two_digits(-least):.3g} or more (--bandwidth-margin)"
@@ -336,7 +336,8 @@ class Sizing:
     """Input of the sizing.
 
     The scaling may have any margin, and ``x`` (n,) is the settled state of the ideal network, or
-    the end of its run if it does not settle; then no margin is sought for its stability. If
+    the end of its run if it does not settle; then no margin is sought for its stability, and
+    clamps have to hold at all states (K, n) of ``run``, with the network times (K,). If
     the bandwidth ``bandwidth_margin`` is None, it is chosen and that of the scaling is the minimum.
     ``lag`` is that of the nodes of a resistive grid, in units of network time.
     """
@@ -345,9 +346,15 @@ class Sizing:
     scaling: Scaling
     level: Level
     x: State
-    settles: bool = True
+    run: tuple[np.ndarray, np.ndarray] | None = None
     bandwidth_margin: float | None = None
     lag: float = 0.0
+
+    def holding_margin(self, circuit: Circuit) -> float:
+        """Return the smallest margin with which the clamps of a circuit hold in the whole run."""
+        states, times = ([self.x], [0.0]) if self.run is None else self.run
+        moments = zip(states, times)
+        return max(holding_margin(circuit, self.level, x, float(time)) for x, time in moments)
 
 
 @checked
@@ -366,7 +373,7 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
         circuit = _built(sizing, fitting_resistor(circuit, level))
     if sizing.bandwidth_margin is None:
         circuit = _with_margin(circuit, sizing, progress)
-    check_clamps(circuit, level, sizing.x)
+    check_clamps(circuit, level, sizing.holding_margin(circuit))
     check_following(circuit, level)
     if matters:
         check_currents(circuit, level)
@@ -392,7 +399,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     the circuit stable.
     """
     level, begun = sizing.level, circuit.scaling.bandwidth_margin
-    wanted = max(begun, holding_margin(circuit, level, sizing.x))
+    wanted = max(begun, sizing.holding_margin(circuit))
     if wanted > begun:
         progress(
             f"neurons are pressed against bounds: clamps hold from a margin of {wanted:.3g} on"
@@ -401,7 +408,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     if level.smallest_resistor is None and level.smallest_capacitor:
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
     rings = level.datasheet.parasitics.ground or has_second_pole(level.datasheet)
-    if level.emulated and rings and sizing.settles:
+    if level.emulated and rings and sizing.run is None:
         wanted = max(wanted, _spared(circuit, sizing, wanted, progress))
     if math.isinf(wanted):
         raise NetworkError(

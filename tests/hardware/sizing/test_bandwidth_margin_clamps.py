@@ -1,6 +1,7 @@
 """Clamps that have to hold more than their op amps can give: a larger margin, or a refusal."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from ann_dc.hardware.parts.levels import macro
 from ann_dc.hardware.sizing.bandwidth_margin import check_clamps, holding_margin
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
 from ann_dc.network.network import Network
+from ann_dc.network.waveforms import Waveform
 
 MACRO = macro(output_swing=13.0)
 
@@ -55,10 +57,33 @@ def test_a_margin_that_is_too_small_is_refused_with_one_that_is_not():
     assert circuit.scaling.bandwidth_margin == enough
 
 
+@pytest.mark.parametrize("last", [0.0, 8.0])
+def test_clamps_hold_at_every_moment_of_a_run(last):
+    """The input presses the limit as two(8) does, in the middle of the run or up to its end."""
+    cell = replace(
+        two(0.0).cell,
+        inputs=("push",),
+        connections=(
+            *(c for c in two(0.0).cell.connections if c.source != "one"),
+            Connection(source="push", target="x", weight=1.0),
+        ),
+    )
+    push = Waveform(times=[0.0, 4.0, 9.0, 12.0], values=[0.0, 8.0, 8.0, last])
+    network = replace(two(0.0), cell=cell, inputs={"push": 0.0}).with_inputs({"push": push})
+    backend = SpiceBackend(level=MACRO, duration=20.0, bandwidth_margin=20)
+    with pytest.raises(NetworkError, match="harder than the op amps of clamps"):
+        backend.prepare(network)
+    assert (
+        SpiceBackend(level=MACRO, duration=20.0).prepare(network)[0].scaling.bandwidth_margin > 20
+    )
+
+
 def test_rails_below_the_drop_of_a_diode_hold_nothing():
     circuit, probe = SpiceBackend(level=MACRO).prepare(two(2.0))
+    weak = macro(output_swing=0.8)
+    least = holding_margin(circuit, weak, probe.final)
     with pytest.raises(NetworkError, match=r"swing of 0\.8 V, can hold; take parts with more"):
-        check_clamps(circuit, macro(output_swing=0.8), probe.final)
+        check_clamps(circuit, weak, least)
 
 
 @pytest.mark.slow
