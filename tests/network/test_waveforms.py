@@ -105,7 +105,7 @@ def test_inputs_are_those_of_time_zero_whatever_is_replaced():
 
 def test_a_waveform_that_leaves_the_range_of_the_design_is_warned_of():
     problem = ann_dc.plants.double_integrator(N=3)
-    network = ann_dc.design(problem, ranges={"q_d.x": (0.5, 2.0)}).network
+    network = replace(ann_dc.design(problem).network, ranges={"q_d.x": (0.5, 2.0)})
     with pytest.warns(ann_dc.errors.RangeWarning, match=r"q_d\.x = 9"):
         network.with_inputs({"q_d.x": Waveform(times=[0.0, 10.0], values=[1.0, 9.0])})
 

@@ -132,6 +132,7 @@ def test_states_at_random_times_are_within_100_rtol_of_a_reference(name, kind):
     assert np.abs(found - expected).max() < 100 * rtol * np.abs(expected).max()
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", ["interpreted", "generated", "DOP853", "RK45", "Radau", "BDF"])
 def test_rows_between_steps_are_as_good_as_those_at_steps(kind):
     """x = 0.8 e^(-2 t) (cos w t + 2 / w sin w t): a cubic through the steps is 1e-3 off."""
@@ -151,6 +152,7 @@ def test_states_between_steps_stay_within_the_rails(kind):
     assert x.min() >= -0.3
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "kind", "most"),
     [("oscillator", "generated", 100), ("railed", "RK45", 10), ("railed", "DOP853", 10)],
