@@ -159,6 +159,7 @@ X3 s2 lam rst integ c=1n
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("ohms", "end"), [("10k", "300u"), ("100k", "2m")])
 @pytest.mark.parametrize("level", [*LEVELS, *VARIANTS])
 def test_an_inverter_with_its_default_resistors_drives_a_saddle_flow(
