@@ -124,7 +124,12 @@ class CircuitInstance:
     @property
     def control_error(self) -> float:
         """Error of the settled controls against the ideal network's, relative to size."""
-        return control_error(self.emulation.controls(self.settled), self.probe)
+        return control_error(self.settled_controls, self.probe)
+
+    @property
+    def settled_controls(self) -> np.ndarray:
+        """Controls (m,) of the settled state, or all states without controls."""
+        return self.emulation.controls(self.settled)
 
 
 def transient_of(

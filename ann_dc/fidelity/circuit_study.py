@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
+from ann_dc.backends.settling import settles
 from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of, read_run
 from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
@@ -25,6 +26,7 @@ from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
+from ann_dc.fidelity.waveform_prediction import WaveformPrediction, predicted_waveforms
 from ann_dc.fidelity.wire_requirements import PreconditionerDemand, preconditioner_demand
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
@@ -36,6 +38,13 @@ from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import checked
+
+ANALYSES = {
+    "items": "error budget (--budget)",
+    "samples": "drawn circuits (--samples)",
+    "loops": "loop gains (--loops)",
+}
+"""Analyses of a settled point by the argument of `study_circuit` that requests them."""
 
 
 @checked
@@ -193,12 +202,16 @@ class CircuitStudy:
         Run in ngspice, if simulated.
     cost : Cost
         Parts, watts, and joules per solve.
+    probe : Trajectory
+        Run of the ideal network by which the circuit was scaled.
+    prediction, waveforms : Prediction or None, WaveformPrediction or None
+        Prediction of a circuit that settles, or of one that runs for a given duration.
     unpredicted : Unpredicted or None
         Reason of a missing prediction.
-    snapping : mapping of str to float
+    series_rounding : mapping of str to float
         Largest relative error of a "resistor" and of a "capacitor" by rounding to the series of the
         backend.
-    louder : bool
+    raise_full_scale : bool
         True if a larger full scale stays within the limits of the parts.
     noise : float
         Rms noise of the worst control from resistors and parts with known noise, at the temperature
@@ -220,7 +233,9 @@ class CircuitStudy:
     deck: Deck
     run: CircuitRun | None
     cost: Cost
+    probe: Trajectory
     prediction: Prediction | None
+    waveforms: WaveformPrediction | None
     unpredicted: Unpredicted | None
     series_rounding: Mapping[str, float]
     raise_full_scale: bool
@@ -241,11 +256,40 @@ class CircuitStudy:
     @property
     def unknown(self) -> bool:
         """True if the circuit was neither simulated nor predicted."""
-        return self.run is None and self.prediction is None
+        return self.run is None and self.prediction is None and self.waveforms is None
+
+    @property
+    def moves(self) -> bool:
+        """True if the network does not settle, so that the circuit runs for a duration."""
+        return not settles(self.probe)
+
+    @property
+    def terms(self) -> str:
+        """Compared quantities: "controls", or "states" for a network without controls."""
+        has_controls = self.probe.network.of_population("u").any()
+        return "controls" if has_controls else "states"
+
+    @property
+    def final_difference(self) -> float:
+        """Largest difference of a final control in ngspice from the predicted one.
+
+        The reference is that of the errors, or the largest control of the ideal run if the network
+        does not settle. The result is nan without a simulation or a prediction.
+        """
+        found = self.prediction or self.waveforms
+        if self.run is None or found is None:
+            return float("nan")
+        size = self.probe.control_reach if self.moves else self.probe.control_size
+        return float(np.abs(self.run.trajectory.control_values[-1] - found.final).max() / size)
 
     @property
     def shortcoming(self) -> str:
-        """Deviation from the optimum, as a clause; empty if the circuit settles near it."""
+        """Deviation from the optimum, as a clause; empty if the circuit settles near it.
+
+        The clause is empty for a circuit of a given duration.
+        """
+        if self.moves:
+            return ""
         found, verb = self.prediction, "is predicted to be"
         if self.run is not None:
             if self.run.unsettled:
@@ -268,7 +312,7 @@ class CircuitStudy:
         larger = "a larger full scale, " if self.raise_full_scale else ""
         if error < NEAR:
             return (
-                f"noise of {self.noise:.1%} rms of {self.size} is on its controls, beside "
+                f"noise of {self.noise:.1%} rms of {self.size} is on its {self.terms}, beside "
                 f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
                 f"{larger}or the mean of many readings"
             )
@@ -276,7 +320,7 @@ class CircuitStudy:
         if (off := self.series_rounding.get("resistor", 0.0)) > NEAR / 10:
             means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
         far = f"{error:.1%} of {self.size}, above {NEAR:.0%}"
-        return f"the error of its controls {verb} {far}: {means}"
+        return f"the error of its {self.terms} {verb} {far}: {means}"
 
 
 @checked
@@ -292,8 +336,9 @@ def study_circuit(
 ) -> CircuitStudy:
     """Design a circuit, predict its behaviour and simulate it.
 
-    Raises `NetworkError` if the network does not settle, if the circuit is unstable, or if a
-    budget, samples or loops are requested for a level without emulation. Raises `NgspiceMissing` or
+    A network that does not settle runs for the duration of the backend. Raises `NetworkError` if
+    there is none, if the circuit is unstable, or if a budget, samples or loops are requested for a
+    network that does not settle or a level without emulation. Raises `NgspiceMissing` or
     `SpiceError` if ngspice is not found or fails.
 
     Parameters
@@ -326,6 +371,7 @@ def study_circuit(
     >>> study.run.control_error / study.prediction.control_error  # doctest: +SKIP
     """
     circuit, probe = backend.prepare(network)
+    _check_settled(probe, items=items, samples=samples, loops=loops)
     level, off = backend.level, rounded_to_series(circuit, backend.series)
     nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     deviations = backend.deviations(circuit)
@@ -339,13 +385,13 @@ def study_circuit(
         seeds = range(samples)
         drawn = predicted_errors(circuit, level, probe, seeds, base=off, progress=backend.progress)
     backend.progress("prediction")
-    found = prediction_of(built)
+    found = prediction_of(built) if settles(probe) else predicted_waveforms(built)
+    prediction = found if isinstance(found, Prediction) else None
     backend.progress("noise of resistors")
-    quiet = not isinstance(found, Unpredicted) and found.stable
+    quiet = prediction is not None and prediction.stable
     noise = control_noise(nominal) if quiet else float("nan")
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
-    prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
     backend.progress("demand of the preconditioner")
     demand, undemanded = _demand(circuit.schematic.network, probe.final)
     return CircuitStudy(
@@ -358,8 +404,10 @@ def study_circuit(
             _settling_time(run, prediction),
             load_power(circuit, level, probe.final),
         ),
+        probe=probe,
         prediction=prediction,
-        unpredicted=unpredicted,
+        waveforms=found if isinstance(found, WaveformPrediction) else None,
+        unpredicted=found if isinstance(found, Unpredicted) else None,
         series_rounding=_series_rounding(circuit, off),
         raise_full_scale=level.full_scale < KNEE * level.limit / 1.2,
         noise=noise,
@@ -371,6 +419,16 @@ def study_circuit(
         loops=margins,
         unlooped=unlooped,
     )
+
+
+def _check_settled(probe: Trajectory, **requested: int) -> None:
+    """Raise `NetworkError` for an analysis of the settled point if the network has none."""
+    for name, count in requested.items():
+        if count and not settles(probe):
+            raise NetworkError(
+                f"{name}: expected a network that settles for {ANALYSES[name]}, got one that does "
+                "not; leave it out"
+            )
 
 
 def _series_rounding(circuit: Circuit, off: Deviations) -> dict[str, float]:
@@ -397,9 +455,12 @@ def _demand(network: Network, x: np.ndarray) -> tuple[PreconditionerDemand | Non
 
 
 def _run(backend: SpiceBackend, built: CircuitInstance, deck: Deck) -> CircuitRun:
-    if backend.require_stable and built.level.emulated:
+    settling = settles(built.probe)
+    if backend.require_stable and built.level.emulated and settling:
         backend.check_stable(built.emulation, built.probe)
     run = backend.measure(built.circuit, deck, built.probe)
+    if not settling:
+        return run
     backend.progress("ngspice, finer steps up to where it settles")
     return run.timed
 
@@ -417,5 +478,5 @@ def _budget(backend: SpiceBackend, nominal: CircuitInstance) -> tuple[Item, ...]
 def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:
     """Return the seconds per solve: measured if available, else predicted."""
     if run is not None:
-        return run.settling_time()
+        return run.settling_time() if settles(run.probe) else float("nan")
     return prediction.settling_time if prediction is not None else float("nan")

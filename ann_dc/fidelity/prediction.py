@@ -46,6 +46,8 @@ class Prediction:
 
     Attributes
     ----------
+    final : (m,) array
+        Settled controls, or all settled states of a network without controls, in network units.
     control_error : float
         Error of the settled controls against the ideal network's, relative to the largest control.
     settling_time : float
@@ -53,13 +55,14 @@ class Prediction:
     spectrum : Spectrum
         Eigenvalues of the pole model at the settled point, per unit of network time. For a clocked
         circuit, those of its recurrence, as rates.
-    astray : str
+    other_equilibrium : str
         Other equilibrium to which the transient leads, or that it does not settle, as a clause.
         Empty if it reaches the settled point or is not run.
     unknown : str
         Reason for a missing settling time, as a clause; otherwise empty.
     """
 
+    final: np.ndarray
     control_error: float
     settling_time: float
     spectrum: Spectrum
@@ -85,6 +88,7 @@ class Reason(enum.Enum):
     LEVEL = "the level has no emulation"
     NO_EQUILIBRIUM = "the circuit has no equilibrium near the ideal one"
     CLIPPED = "the circuit settles at its rails"
+    LOST = "the emulation cannot be run for the duration"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +176,12 @@ def prediction_of(instance: CircuitInstance) -> Prediction | Unpredicted:
         off, modes = instance.control_error, instance.modes
     except NetworkError as error:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
-    reported = Prediction(control_error=off, settling_time=float("nan"), spectrum=modes)
+    reported = Prediction(
+        final=instance.settled_controls,
+        control_error=off,
+        settling_time=float("nan"),
+        spectrum=modes,
+    )
     if why := untimed(instance):
         return replace(reported, unknown=why)
     if not reported.stable:

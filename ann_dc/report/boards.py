@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -26,9 +26,12 @@ from ann_dc.report.tables import named_rows, table, verdict_text
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardReport:
-    """Results of all requested analyses of the circuit that solves a problem."""
+    """Results of all requested analyses of a circuit.
 
-    problem: str
+    ``subject`` has the name of the problem, or the title of a network without one.
+    """
+
+    subject: Mapping[str, str]
     backend: SpiceBackend
     answers: Sequence[CornerTable | YieldTable | TrimTable | InterfaceTable]
 
@@ -45,7 +48,7 @@ class BoardReport:
         """Return the content of the JSON file."""
         backend = self.backend
         found = {
-            "problem": self.problem,
+            **self.subject,
             "level": backend.level.name,
             "seed": backend.seed,
             "resistors": backend.series.name,

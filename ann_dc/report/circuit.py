@@ -8,12 +8,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from rich.table import Table
 from rich.text import Text
 
 from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.fidelity.noise_run import noisy
@@ -23,30 +25,38 @@ from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.optimality.certificate import Certificate
+from ann_dc.plotting.neurons import neurons
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import picked, write_json
+from ann_dc.report.network_run import neuron_table, neuron_values
 from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
+from ann_dc.report.waveforms import overloads, waveform_dict, waveform_rows
 from ann_dc.si_prefixes import counted, engineering
 from ann_dc.solution.solution import certificate_of, units_of
 
 OTHER_EQUILIBRIA, LEAKS = 10e-12, 10e6
 """Farads below which parasitic capacitance matters, and ohms above which board leakage matters."""
+VOLTS = 16
+"""Largest number of outputs whose volt is listed."""
 KEPT = 1e-6
 """Relative constraint residual above which the report states a violation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitReport:
-    """Report of the study of a circuit that a backend built for a problem."""
+    """Report of the study of a circuit that a backend built.
 
-    problem: OptimalControlProblem
+    ``problem`` is None for a network of a file, whose circuit is compared with its ODE alone.
+    """
+
+    problem: OptimalControlProblem | None
     backend: SpiceBackend
     found: CircuitStudy
 
     @cached_property
     def certificate(self) -> Certificate | None:
-        """Optimality certificate of the settled state; None without a simulation."""
-        if self.found.run is None:
+        """Optimality certificate of the settled state; None without simulation or problem."""
+        if self.found.run is None or self.problem is None:
             return None
         trajectory = self.found.run.trajectory
         return certificate_of(self.problem, trajectory.network, trajectory.final)
@@ -56,9 +66,18 @@ class CircuitReport:
         """True if the circuit finds or is predicted to find the optimum, or is unassessed."""
         return self.found.within_tolerance or self.found.unknown
 
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units of measure by neuron name; a network of a file has none."""
+        network = self.found.circuit.schematic.network
+        return {} if self.problem is None else units_of(self.problem, network)
+
     def tables(self) -> list[Table]:
         """Return the tables to print."""
-        tables = [named_rows(self._circuit() | self._behaviour() | self._errors())]
+        behaviour = waveform_rows(self.found) if self.found.moves else self._behaviour()
+        tables = [named_rows(self._circuit() | behaviour | self._errors())]
+        if self.problem is None and self.found.run is not None:
+            tables.append(neuron_table(neuron_values(self.found.run)))
         tables += [self._budget()] if self.found.items else []
         return [*tables, self._loops()] if self.found.loops else tables
 
@@ -70,14 +89,13 @@ class CircuitReport:
         if math.isfinite(cost.energy):
             power += f", {engineering(cost.energy, 'J', 3)} a solve"
         return {
-            "problem": self.problem,
-            "units": unit_list(self.problem),
+            **self._subject(),
             "level": f"{level.name}{self._parts()}{self._drawn_with()}",
             **self._conditions(),
             "parts": parts + (power if cost.power > 0 else ""),
             **self._preconditioner(),
             "values": self._values(),
-            "a volt is": self._a_volt(),
+            "1 V =": self._a_volt(),
             "scaling": f"{scaling.full_scale:g} V full scale, "
             f"{engineering(written.timing.unit, 's', 3)} a unit time constant, op amps "
             f"{scaling.bandwidth_margin:.3g} times as fast as the network; tightest node in "
@@ -85,19 +103,26 @@ class CircuitReport:
             + (f", in the circuit's {run.fullest}" if run and run.fullest else ""),
         }
 
+    def _subject(self) -> dict[str, object]:
+        """Return the rows of the problem and its units, or of the network."""
+        if self.problem is None:
+            return {"network": self.found.circuit.schematic.network.title}
+        return {"problem": self.problem, "units": unit_list(self.problem)}
+
     def _parts(self) -> str:
         """Return the limits of its op amps and multipliers; empty for ideal parts."""
         level = self.backend.level
         return f" ({level.datasheet})" if level.models != "ideal" else ""
 
     def _a_volt(self) -> str:
-        """Return the value of 1 V at the output of every control."""
-        units, reported = units_of(self.problem, self.found.circuit.schematic.network), []
-        for name, scale in self.found.circuit.control_scales.items():
-            unit = units.get(name, "").removeprefix("1")
+        """Return the value of 1 V at the output of every control, or of the first neurons."""
+        reported, scales = [], self.found.circuit.control_scales
+        for name, scale in [*scales.items()][:VOLTS]:
+            unit = self.units.get(name, "").removeprefix("1")
             offset = f" from {scale.offset:.4g}, as its errors are" * bool(scale.offset)
             reported.append(f"{name}: {scale.factor:.4g} {unit}".rstrip() + offset)
-        return ", ".join(reported) or "not told: the network has no controls"
+        more = f", and {len(scales) - VOLTS} more (--json)" if len(scales) > VOLTS else ""
+        return ", ".join(reported) + more
 
     def _conditions(self) -> dict[str, object]:
         """Return the operating conditions if they differ from the nominal ones."""
@@ -142,26 +167,51 @@ class CircuitReport:
         return f"{resistors}C {small} to {large}{strays}{beside}"
 
     def _behaviour(self) -> dict[str, object]:
-        run, certificate = self.found.run, self.certificate
-        if run is None or certificate is None:
+        run, terms = self.found.run, self.found.terms
+        if run is None:
             return {"simulated": "no", "predicted": self._predicted(), **self._verdict()}
         micros = 1e6 * run.settling_time(), 1e6 * run.settling_error
         return {
             "settled": verdict_text(
                 not run.unsettled,
-                run.unsettled or f"controls within 0.1 % after {measured(*micros)} us",
+                run.unsettled or f"{terms} within 0.1 % after {measured(*micros)} us",
             ),
-            "error of controls": f"{run.control_error:.2e} of {self.found.size}, against the ODE",
+            f"error of {terms}": f"{run.control_error:.2e} of {self.found.size}, against the ODE",
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
             "the ODE",
             "predicted": self._predicted(),
+            **self._difference(),
+            **self._objective(),
+            "overload": overloads(run),
+            **self._verdict(),
+        }
+
+    def _objective(self) -> dict[str, object]:
+        """Return the row of the objective; a network without a problem has none."""
+        certificate = self.certificate
+        if certificate is None or self.problem is None:
+            return {}
+        return {
             "objective": f"{certificate.objective:.8g} {self.problem.cost_unit}".rstrip()
             + f", KKT residual {certificate.kkt_residual:.1e}"
             + f" (constraint violation {certificate.constraint_residual:.1e}: it may be below the "
             "optimum's)" * bool(certificate.constraint_residual > KEPT),
-            "overload": "; ".join(map(str, run.overloads[:3])) or "none",
-            **self._verdict(),
         }
+
+    def _difference(self) -> dict[str, object]:
+        """Return the row that compares ngspice with the prediction, if there is one."""
+        found = self.found
+        if not math.isfinite(found.final_difference) or found.run is None:
+            return {}
+        text = (
+            f"final {found.terms} of ngspice and prediction differ by {found.final_difference:.1e} "
+            f"of {found.size}"
+        )
+        predicted = found.prediction.settling_time if found.prediction else math.nan
+        measured_time = found.run.settling_time()
+        if math.isfinite(predicted) and math.isfinite(measured_time) and predicted > 0:
+            text += f", settling times by {abs(measured_time / predicted - 1):.1%}"
+        return {"difference": text}
 
     def _verdict(self) -> dict[str, object]:
         """Return the row of the verdict, with the reason if the optimum is not found.
@@ -170,13 +220,17 @@ class CircuitReport:
         """
         why = self.found.shortcoming
         if self.found.unknown:
-            return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
+            return {self._goal: Text("unknown: neither simulated nor predicted", "yellow")}
         reported = "are predicted to be" if self.found.run is None else "are"
         noise = "with their noise" if math.isfinite(self.found.noise) else "noise not computed"
-        near = (
-            f"the controls {reported} within {NEAR:.0%}, {noise}, of {parts_in_words(self.backend)}"
-        )
-        return {"near optimum": verdict_text(not why, why or near)}
+        parts = parts_in_words(self.backend)
+        near = f"the {self.found.terms} {reported} within {NEAR:.0%}, {noise}, of {parts}"
+        return {self._goal: verdict_text(not why, why or near)}
+
+    @property
+    def _goal(self) -> str:
+        """Name of the row with the verdict."""
+        return "near equilibrium" if self.problem is None else "near optimum"
 
     def _drawn_with(self) -> str:
         if self.backend.seed is None:
@@ -255,8 +309,12 @@ class CircuitReport:
     def as_dict(self) -> dict:
         """Return the content of the JSON file."""
         found, level = self.found, self.backend.level
+        network = found.circuit.schematic.network
+        named = (
+            {"network": network.title} if self.problem is None else {"problem": self.problem.name}
+        )
         return {
-            "problem": self.problem.name,
+            **named,
             "level": level.name,
             "parameters": level.parameters,
             "seed": self.backend.seed,
@@ -270,8 +328,7 @@ class CircuitReport:
             "preconditioner": found.circuit.schematic.network.preconditioner.kind.name.lower(),
             "demand": None if found.demand is None else asdict(found.demand),
             "undemanded": found.undemanded,
-            **self._measured(),
-            "predicted": self._prediction(),
+            **(waveform_dict(found) if found.moves else self._measured()),
             "noise": found.noise,
             "volt": {name: scale._asdict() for name, scale in found.circuit.control_scales.items()},
             **picked(found, "within_tolerance", "shortcoming"),
@@ -286,15 +343,18 @@ class CircuitReport:
         return None if self.found.prediction is None else picked(self.found.prediction, *reported)
 
     def _measured(self) -> dict:
-        run, certificate = self.found.run, self.certificate
-        if run is None or certificate is None:
-            return {"settled": None}
+        run, predicted = self.found.run, {"predicted": self._prediction()}
+        if run is None:
+            return {"settled": None, **predicted}
+        certified = ("objective", "kkt_residual") if self.certificate else ()
         return {
             "settled": not run.unsettled,
             "settling_time": run.settling_time(),
             **picked(run, "settling_error", "control_error", "mean_square_error"),
-            **picked(certificate, "objective", "kkt_residual"),
+            **picked(self.certificate, *certified),
             "overloads": [str(overload) for overload in run.overloads],
+            **predicted,
+            **picked(self.found, "final_difference"),
         }
 
     def write(
@@ -313,14 +373,21 @@ class CircuitReport:
             parts = self.found.circuit, self.backend.level, self.backend.series
             write_whole(bill, bill_of(*parts).encode())
         if figure is not None and self.found.run is not None:
-            plotting.save(plotting.circuit(self.found.run, self.problem), figure)
+            plotting.save(self._figure(self.found.run), figure)
         if curves is not None and self.found.run is not None:
             trajectory = self.found.run.trajectory
-            trajectory = replace(trajectory, units=units_of(self.problem, trajectory.network))
+            trajectory = replace(trajectory, units=self.units)
             write_curves(replace(self.found.run, trajectory=trajectory), curves)
         if json_file is not None:
             write_json(json_file, self.as_dict())
         return [file for file in (deck, bill, figure, curves, json_file) if file is not None]
+
+    def _figure(self, run: CircuitRun) -> Figure:
+        """Return the figure of the simulation: every neuron of a network of a file."""
+        if self.problem is not None:
+            return plotting.circuit(run, self.problem)
+        reached = "completed" if self.found.moves else run.unsettled or "settled"
+        return neurons(run, f"circuit, {self.backend.level.name}: {reached}")
 
 
 def assumed(level: Level) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -84,12 +85,7 @@ class NetworkRunReport:
     @cached_property
     def values(self) -> dict[str, tuple[float, float, float]]:
         """`MEASURES` of every neuron by label, in the user's units."""
-        columns = self.run.trajectory.sampled().curves.columns()
-        return {
-            label: (float(column[-1]), float(np.nanmin(column)), float(np.nanmax(column)))
-            for label, column in columns.items()
-            if label not in ("time", *RESIDUALS)
-        }
+        return neuron_values(self.run)
 
     def tables(self) -> list[Table]:
         """Return the tables that ``ann-dc run`` prints."""
@@ -111,10 +107,7 @@ class NetworkRunReport:
             rows["settling time"] = (
                 network_time if isinstance(run, Run) else engineering(settling, "s")
             )
-        shown = table("neuron", *MEASURES, dense=True)
-        for label, figures in [*self.values.items()][:ROWS]:
-            shown.add_row(printable(label), *(f"{value:.6g}" for value in figures))
-        return [named_rows(rows), shown]
+        return [named_rows(rows), neuron_table(self.values)]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the content of the JSON file."""
@@ -147,3 +140,20 @@ class NetworkRunReport:
         if json is not None:
             write_json(json, self.as_dict())
         return [file for file in (figure, curves, json) if file is not None]
+
+
+def neuron_values(run: Run | CircuitRun) -> dict[str, tuple[float, float, float]]:
+    """Return `MEASURES` of every neuron of a run by label, in the user's units."""
+    return {
+        label: (float(column[-1]), float(np.nanmin(column)), float(np.nanmax(column)))
+        for label, column in run.trajectory.sampled().curves.columns().items()
+        if label not in ("time", *RESIDUALS)
+    }
+
+
+def neuron_table(values: Mapping[str, tuple[float, float, float]]) -> Table:
+    """Return the table of the first `ROWS` neurons."""
+    shown = table("neuron", *MEASURES, dense=True)
+    for label, figures in [*values.items()][:ROWS]:
+        shown.add_row(printable(label), *(f"{value:.6g}" for value in figures))
+    return shown

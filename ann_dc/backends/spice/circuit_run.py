@@ -174,11 +174,8 @@ class CircuitRun(Tabulated):
 
         The reference is at least that of one state at `RESTING` of its scale.
         """
-        at, probe = self.trajectory.time, self.probe
-        if probe.is_dense:
-            wanted = probe.at(np.clip(at, probe.time[0], probe.time[-1]))
-        else:
-            wanted = np.array([np.interp(at, probe.time, x) for x in probe.states.T]).T
+        at = self.trajectory.time
+        wanted = states_of(self.probe, at)
         weight = np.gradient(at)[:, None]  # over time, however unevenly the circuit was sampled
         error = ((self.trajectory.states - wanted) ** 2 * weight).sum()
         return float(error / max((wanted**2 * weight).sum(), RESTING**2 * weight.sum()))
@@ -205,6 +202,13 @@ class CircuitRun(Tabulated):
         The run is repeated with finer steps (`timed`) if its steps are too long for the result.
         """
         return control_settling(self.timed.trajectory, share) * self.deck.timing.unit
+
+
+def states_of(probe: Trajectory, times: np.ndarray) -> np.ndarray:
+    """Return the states (T, n) of an ideal run at times (T,), with its ends before and after."""
+    if probe.is_dense:
+        return probe.at(np.clip(times, probe.time[0], probe.time[-1]))
+    return np.array([np.interp(times, probe.time, x) for x in probe.states.T]).T
 
 
 def read_back(

@@ -156,8 +156,8 @@ def _run(network: Network, backend: OdeBackend) -> Trajectory:
             "(ann-dc circuit --metric multilevel)"
         )
         raise NetworkError(
-            f"circuit: the network has to settle to be scaled; {run.status}; to run it for a given "
-            f"time, give its duration (duration=T or --duration T)" + means * alone
+            "circuit: the network has to settle to be scaled; if it does not, give the duration of "
+            f"its run (duration=T or --duration T); {run.status}" + means * alone
         )
     return run.trajectory
 

@@ -47,15 +47,17 @@ class StartOptions:
     )
 
 
+def method_option(**look: Any) -> Any:
+    """Return the option --method, for `RunOptions` and for runs of the ODE alone."""
+    text = "Integrator of the ODE: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA."
+    return option(text, metavar="METHOD", show_default="compiled", **look)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Options of a single backend; None for an option that was not given."""
 
-    method: str | None = _ode_option(
-        "Integrator: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
-        metavar="METHOD",
-        show_default="compiled",
-    )
+    method: str | None = method_option(rich_help_panel="With --backend ode")
     verify: bool | None = _ode_option(
         "Run twice, the second time at 100 times tighter tolerances.",
         "--verify/--no-verify",

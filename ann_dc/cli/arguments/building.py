@@ -1,16 +1,17 @@
-"""Gain design before a circuit is built, for ``circuit`` and ``ladder``."""
+"""Network, level and margin of a circuit, for ``circuit``, ``run``, ``ladder`` and ``export``."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.errors import ProblemError
 from ann_dc.fidelity.fitting import fitted
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.parts.levels import macro
+from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.hardware.schematic.buildable import check_preconditioner
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -46,6 +47,17 @@ def network_to_build(
         f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
         "is nothing to build; check that the target is within reach, or try another --metric"
     )
+
+
+def circuit_backend(
+    network: Network, level: Level, *, duration: float | None = None, **parts: Any
+) -> SpiceBackend:
+    """Return the backend of a circuit, fitted to its network if the network has to settle.
+
+    ``parts`` are further attributes of the backend. Raises the errors of `fitted_to_build`.
+    """
+    backend = SpiceBackend(level=level, duration=duration, **parts)
+    return backend if duration is not None else fitted_to_build(backend, network)
 
 
 def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:

@@ -226,10 +226,11 @@ def _from_file(path: str, settings: Mapping[str, str]):
 
 
 @contextlib.contextmanager
-def arithmetic_of(problem: Any) -> Iterator[None]:
+def arithmetic_of(name: str) -> Iterator[None]:
     """Convert overflow, singular matrices and oversized arrays to a `ProblemError`.
 
-    Any other ValueError or TypeError indicates a defect of the library and is raised unchanged.
+    The message begins with the name of the problem or network. Any other ValueError or TypeError
+    indicates a defect of the library and is raised unchanged.
     """
     import numpy as np
 
@@ -243,6 +244,6 @@ def arithmetic_of(problem: Any) -> Iterator[None]:
         if not (numeric or NOT_FINITE.search(str(error))):
             raise
         raise ProblemError(
-            f"{problem.name}: the arithmetic failed ({error}); choose units in which states and "
+            f"{name}: the arithmetic failed ({error}); choose units in which states and "
             "controls are near 1, or a shorter horizon"
         ) from error

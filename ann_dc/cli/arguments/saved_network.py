@@ -1,12 +1,15 @@
-"""Arguments for networks in files: a weight file or folder in place of a problem, --duration."""
+"""Arguments for networks in files: a file in place of a problem, --input and --duration."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from ann_dc.cli.arguments.options import option
+from ann_dc.cli.arguments.problem import ProblemOptions, number_of, pairs_of
 from ann_dc.errors import ProblemError, require_positive
 
 NETWORKS = (".npz", ".safetensors")
@@ -24,10 +27,56 @@ DurationOption = Annotated[
 ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions:
+    """Options of the run of a network in a file: its inputs and its duration."""
+
+    duration: DurationOption = None
+    inputs: list[str] | None = option(
+        "Value of a network's input in all cells, or N values with commas; or over time, as the "
+        "column of a CSV file with a column `time`: q_d.x=target.csv:x. Repeatable.",
+        "--input",
+        metavar="NAME=VALUE",
+    )
+
+    def applied_to(self, network: Any):
+        """Return the network with the values of --input; `ProblemError` for an invalid value."""
+        from ann_dc.network.waveforms import Waveform
+
+        values: dict[str, Any] = {}
+        for name, text in pairs_of(self.inputs or (), "--input", "load=0.5").items():
+            file, is_file, column = text.rpartition(".csv:")
+            if is_file:
+                values[name] = Waveform.from_csv(f"{file}.csv", column)
+                continue
+            if text.endswith(".csv"):
+                raise ProblemError(f"--input {name}: add the column, {name}={text}:COLUMN")
+            numbers = [number_of(f"--input {name}", word.strip()) for word in text.split(",")]
+            if len(numbers) not in (1, network.stages):
+                raise ProblemError(
+                    f"--input {name}: expected 1 or {network.stages} numbers, got {text!r}"
+                )
+            values[name] = numbers[0] if len(numbers) == 1 else numbers
+        return network.with_inputs(values) if values else network
+
+
 def check_duration(duration: float | None) -> None:
     """Raise `ProblemError` if --duration is not a positive number."""
     if duration is not None:
         require_positive(ProblemError, **{"--duration": duration})
+
+
+def unchanged_network(problem: ProblemOptions, preconditioner: str | None):
+    """Return the network of a file given as PROBLEM.
+
+    Raises `ProblemError` for options of a problem or of its design.
+    """
+    if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, preconditioner)):
+        raise ProblemError(
+            f"{problem.problem}: a network stays as it was designed; leave out --set, "
+            "--horizon, --q-0, --q-d and --metric"
+        )
+    return saved_network(problem.problem)
 
 
 def is_network(word: str) -> bool:

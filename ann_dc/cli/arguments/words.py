@@ -41,16 +41,20 @@ KindsOption = Annotated[
     ),
 ]
 PreconditionerOption = Annotated[
-    str,
+    str | None,
     typer.Option(
-        "--metric", metavar="KIND", help=f"Preconditioner that is built: {', '.join(KINDS)}."
+        "--metric",
+        metavar="KIND",
+        help=f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs neighbours "
+        "only; for long horizons the other kinds settle sooner.",
+        show_default="diagonal",
     ),
 ]
 
 
-def preconditioner_of(word: str) -> PreconditionerKind:
-    """Return the preconditioner kind that --metric names."""
-    return named("--metric", word, KINDS)
+def preconditioner_of(word: str | None) -> PreconditionerKind:
+    """Return the preconditioner kind that --metric names; by default diagonal."""
+    return PreconditionerKind.DIAGONAL if word is None else named("--metric", word, KINDS)
 
 
 def kinds_of(
@@ -89,8 +93,9 @@ MarginOption = Annotated[
     float | None,
     typer.Option(
         metavar="K",
-        help="How much faster than the network's fastest mode the op amps are.",
-        show_default="10; with another preconditioner 1.5 times the smallest that is stable",
+        help="Bandwidth of the parts over that of the network's fastest mode.",
+        show_default="10; with another preconditioner 1.5 times the smallest that is stable; "
+        "100,000 if the network does not settle or follows inputs",
     ),
 ]
 

@@ -14,7 +14,12 @@ from ann_dc.cli.arguments.options import (
     timed,
 )
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.saved_network import is_network
+from ann_dc.cli.arguments.saved_network import (
+    NetworkOptions,
+    check_duration,
+    is_network,
+    unchanged_network,
+)
 from ann_dc.cli.arguments.words import (
     LevelOptions,
     MarginOption,
@@ -24,8 +29,9 @@ from ann_dc.cli.arguments.words import (
     series_of,
 )
 from ann_dc.cli.commands.questions import SAMPLES, TRIMMED, BoardOptions, PlaceOptions
-from ann_dc.cli.terminal import finish, progress_line
+from ann_dc.cli.terminal import finish, notes, progress_line
 from ann_dc.errors import ProblemError
+from ann_dc.progress import Progress
 from ann_dc.report.json_file import make_room
 
 
@@ -48,7 +54,7 @@ class BuildOptions:
         default="exact",
         metavar="SERIES",
     )
-    preconditioner: PreconditionerOption = "diagonal"
+    preconditioner: PreconditionerOption = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,15 +120,20 @@ def circuit(
     place: PlaceOptions,
     board: BoardOptions,
     files: CircuitFiles,
-    duration: float | None = option("Refused, with the command to use.", hidden=True),
+    given: NetworkOptions,
     quiet: QuietOption = False,
 ) -> None:
-    """Build the network as a circuit, predict, simulate and compare with the optimum.
+    """Build a network as a circuit, predict, simulate and compare with the optimum.
 
     The network is designed, scaled to volts and seconds by a run of its ODE,
     and given resistors and capacitors. Eigenvalues of the pole model
     determine stability. Then ngspice simulates the circuit from reset until
     it settles. The error budget lists the parts that dominate the error.
+
+    PROBLEM may also be a network in a file, designed or wired by hand
+    (.npz, .safetensors, an export to weights, or a saved solution). Its
+    circuit is compared with its ODE and its emulation. A network that does
+    not settle, or whose inputs change over time, needs a --duration.
 
     Usage examples:
 
@@ -139,13 +150,15 @@ def circuit(
       ann-dc circuit car --yield "error<5%" --resistors E96-pairs
       ann-dc circuit car --level opa192_ad734 --trim "error<1%"
       ann-dc circuit car --dac 12 --adc 12 --resistors E96-pairs --seed 1
+      ann-dc circuit network.npz --input load=0.3 --level opa192_ad734
+      ann-dc circuit oscillator.npz --duration 30 --figure out/oscillator.png
 
     With --corners, --yield, --trim, --dac or --adc the output is a table per
     analysis instead of one circuit, and --json is the only file.
 
     Exit code 0: the circuit settled near the optimum (within 1 % of the
     largest control, from its scale's offset), is predicted to, or nothing is
-    known. Conditions for exit code 0 of the tables:
+    known; or the duration was completed. Conditions for exit code 0 of the tables:
 
       --corners     every corner is near the optimum, tolerances aside
       --yield       a drawn circuit meets the specification
@@ -155,42 +168,43 @@ def circuit(
     Exit code 1: otherwise. Exit code 2: bad input, an unstable circuit,
     ngspice not found, or unwritable output.
 
-    Comparison of all levels: ann-dc ladder. Networks in files: ann-dc run.
+    Comparison of all levels: ann-dc ladder.
     """
-    with progress_line(quiet) as progress:
-        _check_problem(problem.problem, level.level, duration)
-        declared = problem.declared()
+    with notes(quiet), progress_line(quiet) as progress:
         files.make_room(study.simulated)
-        board.check(_of_one_circuit(build, study, files, board), level.level)
+        board.check(_of_one_circuit(build, study, files, board, given), level.level)
         stands = (PlaceOptions() if board.corners else place).single()
         chosen, series = level_of(level, netlist=board.written), series_of(build.resistors)
-        kind = preconditioner_of(build.preconditioner)
+        simulated = study.simulated and not board.asked
+        if is_network(problem.problem):
+            declared, network = None, _saved(problem, build, given)
+        else:
+            declared, network = _designed(problem, build, given, simulated, progress)
+        subject = {"network": network.title} if declared is None else {"problem": declared.name}
 
-        from ann_dc.backends.spice.backend import SpiceBackend
-        from ann_dc.cli.arguments.building import fitted_to_build, network_to_build
+        from ann_dc.cli.arguments.building import circuit_backend
         from ann_dc.fidelity.circuit_study import study_circuit
         from ann_dc.hardware.circuit.bill import check_level
         from ann_dc.report.circuit import CircuitReport
         from ann_dc.solution.solution import units_of
 
-        with arithmetic_of(declared):
-            simulated = study.simulated and not board.asked
-            network = network_to_build(declared, kind, simulated=simulated, progress=progress)
+        with arithmetic_of(*subject.values()):
             models = chosen(network).at(stands)
             if files.bill is not None:
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
-            asked = SpiceBackend(
-                level=models,
+            backend = circuit_backend(
+                network,
+                models,
+                duration=given.duration,
                 bandwidth_margin=build.bandwidth_margin,
                 seed=build.seed,
                 series=series,
                 progress=progress,
             )
-            backend = fitted_to_build(asked, network)
             if board.asked:
-                report = board.report(declared, network, backend, place, study.samples)
+                report = board.report(subject, network, backend, place, study.samples)
             else:
                 found = study_circuit(
                     network,
@@ -199,30 +213,51 @@ def circuit(
                     samples=study.samples or 0,
                     loops=study.loops,
                     simulated=simulated,
-                    units=units_of(declared, network),
+                    units={} if declared is None else units_of(declared, network),
                 )
                 report = CircuitReport(problem=declared, backend=backend, found=found)
         tables, written = report.tables(), report.write(**files.given())
     finish(tables, written, quiet=quiet, code=0 if report.good else 1)
 
 
-def _check_problem(word: str, level: str, duration: float | None) -> None:
-    """Raise `ProblemError` with the command to use for a network, or for a --duration."""
-    end = " --duration T, or without --duration if it settles"
-    if is_network(word):
-        raise ProblemError(
-            f"{word}: a network in a file runs as a circuit with: ann-dc run {word} --level "
-            f"{level}{end}"
-        )
-    if duration is not None:
-        raise ProblemError(
-            f"--duration: the circuit of a problem runs until it settles; leave it out, or save "
-            f"the network (ann-dc solve {word} --save DIR): ann-dc run DIR --level {level}{end}"
-        )
+def _saved(problem: ProblemOptions, build: BuildOptions, given: NetworkOptions):
+    """Return the network of a file, with its inputs."""
+    check_duration(given.duration)
+    return given.applied_to(unchanged_network(problem, build.preconditioner))
+
+
+def _designed(
+    problem: ProblemOptions,
+    build: BuildOptions,
+    given: NetworkOptions,
+    simulated: bool,
+    progress: Progress,
+):
+    """Return a problem and its designed network.
+
+    Raises `ProblemError` for options of a network in a file.
+    """
+    named = {"--duration": given.duration, "--input": given.inputs}
+    for name, value in named.items():
+        if value is not None:
+            raise ProblemError(
+                f"{name}: belongs to a network in a file; leave it out, or save the network "
+                f"(ann-dc solve {problem.problem} --save DIR): ann-dc circuit DIR {name} ..."
+            )
+    declared, kind = problem.declared(), preconditioner_of(build.preconditioner)
+
+    from ann_dc.cli.arguments.building import network_to_build
+
+    with arithmetic_of(declared.name):
+        return declared, network_to_build(declared, kind, simulated=simulated, progress=progress)
 
 
 def _of_one_circuit(
-    build: BuildOptions, study: StudyOptions, files: CircuitFiles, board: BoardOptions
+    build: BuildOptions,
+    study: StudyOptions,
+    files: CircuitFiles,
+    board: BoardOptions,
+    given: NetworkOptions,
 ) -> dict:
     """Return the options that apply to the construction of one circuit only."""
     rest = {name: file for name, file in files.given().items() if name != "json_file"}
@@ -232,5 +267,6 @@ def _of_one_circuit(
         "loops": study.loops,
         "seed": build.seed is not None and not board.takes_seed,
         "no-simulate": not study.simulated,
+        "duration": given.duration,
         **rest,
     }

@@ -79,7 +79,7 @@ def coordinate(
         settling = Settling(tolerance=tolerance)
         chosen = named("--coordinator", levels.coordinator, coordination.COORDINATORS)
         level = lower_of(levels.lower, settling.confirm * tolerance)
-        with arithmetic_of(declared):
+        with arithmetic_of(declared.name):
             found = coordination.coordinate(
                 declared,
                 coordinator=chosen,

@@ -92,7 +92,7 @@ def design(
             from ann_dc.analysis.objectives import SETTLING_TIME
             from ann_dc.report.design import candidate_table, write_design
 
-        with arithmetic_of(declared):
+        with arithmetic_of(declared.name):
             network = solver.synthesize(declared, initial_guess=neurons(declared))
             designed = solver.design(
                 network,
@@ -143,7 +143,7 @@ def _design_family(
         from ann_dc.families.family_design import design_family
         from ann_dc.report.design import write_family
 
-        with arithmetic_of(declared):
+        with arithmetic_of(declared.name):
             designed = design_family(
                 declared,
                 over,

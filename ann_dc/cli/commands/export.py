@@ -16,11 +16,10 @@ from ann_dc.cli.arguments.saved_network import (
     DurationOption,
     check_duration,
     is_network,
-    saved_network,
+    unchanged_network,
 )
-from ann_dc.cli.arguments.words import KINDS, preconditioner_of
+from ann_dc.cli.arguments.words import PreconditionerOption, preconditioner_of
 from ann_dc.cli.terminal import console, finish, notes, progress_line
-from ann_dc.errors import ProblemError
 from ann_dc.progress import Progress
 
 
@@ -49,13 +48,7 @@ def export(
         "--with",
         metavar="NAME=VALUE",
     ),
-    preconditioner: str | None = option(
-        f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs "
-        "neighbours only; for long horizons the other kinds settle sooner.",
-        "--metric",
-        metavar="KIND",
-        show_default="diagonal",
-    ),
+    preconditioner: PreconditionerOption = None,
     duration: DurationOption = None,
     formats: bool = option(
         "List the formats, what each carries, and its settings; needs no PROBLEM.",
@@ -119,17 +112,12 @@ def _sentence(done: Any) -> str:
 def _network(problem: ProblemOptions, preconditioner: str | None, progress: Progress) -> Any:
     """Return the network of a weight file or folder, or design one for a problem."""
     if is_network(problem.problem):
-        if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, preconditioner)):
-            raise ProblemError(
-                f"{problem.problem}: a network stays as it was designed; leave out --set, "
-                "--horizon, --q-0, --q-d and --metric"
-            )
-        return saved_network(problem.problem)
-    declared, kind = problem.declared(), preconditioner_of(preconditioner or "diagonal")
+        return unchanged_network(problem, preconditioner)
+    declared, kind = problem.declared(), preconditioner_of(preconditioner)
 
     from ann_dc.cli.arguments.building import network_to_build
 
-    with arithmetic_of(declared):
+    with arithmetic_of(declared.name):
         return network_to_build(declared, kind, simulated=False, progress=progress)
 
 

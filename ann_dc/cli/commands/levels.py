@@ -23,7 +23,7 @@ def ladder(
     seed: int = option(
         "Of the offsets, tolerances and gain errors of the parts.", default=1, min=0
     ),
-    preconditioner: PreconditionerOption = "diagonal",
+    preconditioner: PreconditionerOption = None,
     slow: bool = option("Also what ngspice takes minutes for.", "--slow", default=False),
     figure: FigureOption = None,
     json_file: JsonOption = None,
@@ -60,7 +60,7 @@ def ladder(
         from ann_dc.optimality.reference_solvers import time_solvers
         from ann_dc.report.level_comparison import level_table, write_level_comparison
 
-        with arithmetic_of(declared):
+        with arithmetic_of(declared.name):
             network = network_to_build(declared, kind, progress=progress)
             asked = SpiceBackend(
                 level=macro(), bandwidth_margin=bandwidth_margin, progress=progress

@@ -45,7 +45,7 @@ def paper(
         from ann_dc.problem.plants import car
         from ann_dc.report.paper import LEGEND, paper_table
 
-        with arithmetic_of(car()):
+        with arithmetic_of(car().name):
             corrected = [*example.corrected_runs(progress)]
             runs = [*corrected, *example.demonstrations(corrected[0].solution, progress)]
         written = []

@@ -72,7 +72,10 @@ TRIMMED = 20
 """Default number of circuits that are drawn and trimmed."""
 
 _ONE = "belongs to one circuit that is built and simulated; leave it out here"
-_REFUSED = {"seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leave it out"}
+_REFUSED = {
+    "seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leave it out",
+    "duration": "corners, yields, trims and converters are of a network that settles; leave it out",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +172,9 @@ class BoardOptions:
         """True if one circuit is analysed, whose parts may be drawn."""
         return self.corners or self.converts
 
-    def report(self, problem, network, backend, place: PlaceOptions, samples: int | None):
+    def report(
+        self, subject: dict[str, str], network, backend, place: PlaceOptions, samples: int | None
+    ):
         """Return the results as a `BoardReport`."""
         from ann_dc.fidelity.boards.corners import corners
         from ann_dc.fidelity.boards.interface import Interface, interface_cost
@@ -194,7 +199,7 @@ class BoardOptions:
             chosen = Interface(dac_bits=self.dac, adc_bits=self.adc)
             cost = interface_cost(backend, circuit, probe, chosen)
             answers.append(boards.InterfaceTable(cost=cost, backend=backend))
-        return boards.BoardReport(problem=problem.name, backend=backend, answers=answers)
+        return boards.BoardReport(subject=subject, backend=backend, answers=answers)
 
 
 def _simulated(word: str) -> bool:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ann_dc.cli.arguments.backends import RunOptions, backend_of, method_option
 from ann_dc.cli.arguments.options import (
     CurvesOption,
     JsonOption,
@@ -14,14 +15,13 @@ from ann_dc.cli.arguments.options import (
     option,
     timed,
 )
-from ann_dc.cli.arguments.problem import number_of, pairs_of
 from ann_dc.cli.arguments.saved_network import (
-    DurationOption,
+    NetworkOptions,
     check_duration,
     is_network,
     saved_network,
 )
-from ann_dc.cli.arguments.words import LEVELS, LevelOptions, level_of, named
+from ann_dc.cli.arguments.words import LEVELS, LevelOptions, MarginOption, level_of
 from ann_dc.cli.terminal import finish, notes, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.progress import Progress
@@ -40,16 +40,8 @@ class ModelOptions(LevelOptions):
         default=ODE,
         metavar="LEVEL",
     )
-    bandwidth_margin: float | None = option(
-        "Bandwidth of a circuit's parts over that of the network's fastest mode.",
-        metavar="K",
-        show_default="10; 100,000 if the network does not settle or follows inputs",
-    )
-    method: str | None = option(
-        "Integrator of the ODE: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
-        metavar="METHOD",
-        show_default="compiled",
-    )
+    bandwidth_margin: MarginOption = None
+    method: str | None = method_option()
 
     @property
     def is_circuit(self) -> bool:
@@ -74,13 +66,7 @@ def run(
         "solution.",
         metavar="NETWORK_FILE",
     ),
-    duration: DurationOption = None,
-    inputs: list[str] | None = option(
-        "Value of an input in all cells, or N values with commas; or over time, as the column of a "
-        "CSV file with a column `time`: q_d.x=target.csv:x. Repeatable.",
-        "--input",
-        metavar="NAME=VALUE",
-    ),
+    given: NetworkOptions,
     model: ModelOptions,
     figure: Path | None = option(
         "Draw every neuron over time (.png, .svg, .pdf).", "--figure", metavar="FILE"
@@ -111,7 +97,7 @@ def run(
     circuit that cannot be built, ngspice not found, or unwritable output.
     """
     with notes(quiet), progress_line(quiet) as progress:
-        check_duration(duration)
+        check_duration(given.duration)
         model.check()
         if curves is not None:
             from ann_dc.backends.curves import check_curves_file
@@ -119,13 +105,13 @@ def run(
             check_curves_file(curves)
         for file in (figure, curves, json_file):
             make_room(file)
-        found = _with_inputs(_network(network), inputs or [])
+        found = given.applied_to(_network(network))
 
         from ann_dc.report.network_run import NetworkRunReport
 
-        backend, name = _backend(model, found, duration, progress)
+        backend, name = _backend(model, found, given.duration, progress)
         done = backend.run(found)
-        report = NetworkRunReport(network=found, run=done, model=name, duration=duration)
+        report = NetworkRunReport(network=found, run=done, model=name, duration=given.duration)
         tables, written = report.tables(), report.write(figure, curves, json_file)
     finish(tables, written, quiet=quiet, code=0 if report.good else 1)
 
@@ -140,45 +126,19 @@ def _network(word: str):
     return saved_network(word)
 
 
-def _with_inputs(network: Any, given: list[str]):
-    """Return the network with the values of --input."""
-    from ann_dc.network.waveforms import Waveform
-
-    values: dict[str, Any] = {}
-    for name, text in pairs_of(given, "--input", "load=0.5").items():
-        file, is_file, column = text.rpartition(".csv:")
-        if is_file:
-            values[name] = Waveform.from_csv(f"{file}.csv", column)
-            continue
-        if text.endswith(".csv"):
-            raise ProblemError(f"--input {name}: add the column, {name}={text}:COLUMN")
-        numbers = [number_of(f"--input {name}", word.strip()) for word in text.split(",")]
-        if len(numbers) not in (1, network.stages):
-            raise ProblemError(
-                f"--input {name}: expected 1 or {network.stages} numbers, got {text!r}"
-            )
-        values[name] = numbers[0] if len(numbers) == 1 else numbers
-    return network.with_inputs(values) if values else network
-
-
 def _backend(model: ModelOptions, network: Any, duration: float | None, progress: Progress):
     """Return the backend of --level or --method, and the name of its model."""
     if not model.is_circuit:
-        from ann_dc.backends.ode import COMPILED, METHODS, OdeBackend
+        ode = backend_of("ode", RunOptions(method=model.method), progress=progress)
+        return replace(ode, duration=duration), f"ODE, {ode.method.name}"
 
-        method = COMPILED if model.method is None else named("--method", model.method, METHODS)
-        return OdeBackend(
-            method=method, duration=duration, progress=progress
-        ), f"ODE, {method.name}"
+    from ann_dc.cli.arguments.building import circuit_backend
 
-    from ann_dc.backends.spice.backend import SpiceBackend
-    from ann_dc.cli.arguments.building import fitted_to_build
-
-    backend = SpiceBackend(
-        level=level_of(model)(network),
-        bandwidth_margin=model.bandwidth_margin,
+    backend = circuit_backend(
+        network,
+        level_of(model)(network),
         duration=duration,
+        bandwidth_margin=model.bandwidth_margin,
         progress=progress,
     )
-    name = f"circuit, {backend.level.name}"
-    return (fitted_to_build(backend, network) if duration is None else backend), name
+    return backend, f"circuit, {backend.level.name}"

@@ -132,7 +132,7 @@ def solve(
             from ann_dc.report.solution import report_table
 
         found = None
-        with arithmetic_of(declared), needing_torch(f"--backend {backend}"):
+        with arithmetic_of(declared.name), needing_torch(f"--backend {backend}"):
             if initial_guess.starts is not None:
                 many = initial_guess.starts, initial_guess.seed
                 found = _from_many(declared, *many, preconditioner, chosen, progress)

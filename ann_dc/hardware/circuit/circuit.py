@@ -296,9 +296,13 @@ class Circuit(Record):
 
     @property
     def control_scales(self) -> dict[str, Scale]:
-        """Scales from output voltages to the user's values of all controls, by neuron."""
+        """Scales from output voltages to the user's values of all controls, by neuron.
+
+        A network without controls has those of all neurons.
+        """
         neurons = self.schematic.network.cell.neurons
         names = [neuron.name for neuron in neurons if neuron.population == "u"]
+        names = names or [neuron.name for neuron in neurons]
         return {name: self.scale_of(name) for name in names if name in self.schematic.polarity}
 
     def limiter(self, part: Integrator) -> Limiter:

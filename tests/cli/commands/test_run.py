@@ -146,8 +146,8 @@ def test_bad_option_is_refused_by_name(leak, words, meaning):
 def test_what_is_no_network_names_the_command_to_use(tmp_path, leak):
     refused(["run", "car"], "a plant or a .toml problem is run by: ann-dc solve car")
     refused(["run", tmp_path / "nix.npz"], "does not exist")
-    refused(["circuit", leak], f"ann-dc run {leak} --level macro --duration T")
-    refused(["circuit", "car", "--duration", "3"], "--duration: the circuit of a problem")
+    refused(["circuit", "car", "--duration", "3"], "--duration: belongs to a network in a file")
+    refused(["circuit", "car", "--input", "q_0.x=3"], "--input: belongs to a network in a file")
 
 
 def test_an_input_follows_the_column_of_a_file(leak, tmp_path):
