@@ -9,8 +9,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import AnnDcError, ExportPackageMissing, FileFormatError
+from ann_dc.export.behaviour import behaviour
 from ann_dc.export.devices.analog_computer import analog_computer_check, analog_computer_files
 from ann_dc.export.devices.capacitors import capacitors_check, capacitors_files
 from ann_dc.export.devices.conductances import conductances_check, conductances_files
@@ -222,7 +222,8 @@ def inspect_export(
     """Inspect a weight file, the folder of an export, or a folder with exports.
 
     Hashes are checked, and the behaviour of a file is compared with its test vector if the file can
-    be run. A network is run until it settles. Code in a file is never executed: netlists and
+    be run. A network is run until it settles; if it does not and is not an optimiser, its unstable
+    equilibrium is reported instead. Code in a file is never executed: netlists and
     programs are checked by their hashes.
 
     Parameters
@@ -317,11 +318,11 @@ def _of_network(file: Path) -> Inspection:
         network = load(file)
     except FileFormatError as error:
         return Inspection(place=file, kind="network", facts={}, wrong=str(error))
-    run = OdeBackend(verify=False).run(network.at_time(0.0))
-    facts = {**_of_wiring(network), "settles": str(run.status)}
+    facts = _of_wiring(network)
     if network.waveforms:
-        facts["inputs over time"] = f"{', '.join(network.waveforms)}; settles: at time zero"
-    wrong = "" if run.status.settled else f"it does not settle: {run.status}"
+        facts["inputs over time"] = f"{', '.join(network.waveforms)}; below: their values at time 0"
+    found, wrong = behaviour(network, file)
+    facts |= found
     return Inspection(place=file, kind="network", facts=facts, wrong=wrong)
 
 

@@ -133,9 +133,11 @@ def inspect(
 
     Names and hashes of all files of an export are checked. Files that can be
     run are compared with their test vector, in their runtime if that is
-    installed. The network of a weight file is run until it settles. Code in a
-    file is never executed: torch programs and netlists are not run. Several
-    exports have one line each; inspect a single export for all details.
+    installed. The network of a weight file is run until it settles; for an
+    oscillator or a chaotic network, the growth rate and frequency at its
+    equilibrium are shown, and a command to run it. Code in a file is never
+    executed: torch programs and netlists are not run. Several exports have
+    one line each; inspect a single export for all details.
 
     Usage examples:
 
