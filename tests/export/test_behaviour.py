@@ -1,7 +1,6 @@
 """Networks in files that settle, oscillate or grow."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from oscillators import chua, lorenz, lorenz_96, van_der_pol, wire
 
 import ann_dc
 from ann_dc.export.behaviour import behaviour
-from ann_dc.network import ONE, Cell, Network, Neuron, Waveform
+from ann_dc.network import ONE, Cell, Network, Neuron, Product, Waveform
 
 FILE = Path("network.npz")
 
@@ -74,9 +73,14 @@ def test_ramp_has_no_equilibrium():
 
 
 def test_optimiser_that_does_not_settle_stays_wrong():
-    network = van_der_pol()
-    neurons = tuple(replace(neuron, population="u") for neuron in network.cell.neurons)
-    facts, wrong = behaviour(replace(network, cell=replace(network.cell, neurons=neurons)), FILE)
+    blocks = Product(name="xx", a="u.x", b="u.x"), Product(name="xxy", a="xx", b="u.y")
+    wires = (
+        *(wire("u.y", "u.x"), wire("u.x", "u.y", -1.0)),
+        *(wire("u.y", "u.y", 1.5), wire("xxy", "u.y", -1.5)),
+    )
+    neurons = Neuron(name="u.x"), Neuron(name="u.y")
+    cell = Cell(neurons=neurons, blocks=blocks, connections=wires)
+    facts, wrong = behaviour(Network(cell=cell, stages=1, start={"u.x": 0.1}), FILE)
     assert "does not settle" in wrong
     assert facts["equilibrium"].startswith("unstable")
 
@@ -88,7 +92,9 @@ def test_inputs_over_time_have_their_first_value():
         inputs=("load",),
         connections=(wire("x", "x", -1), wire("load", "x")),
     )
-    facts, wrong = behaviour(Network(cell=cell, stages=1).with_inputs({"load": ramp}), FILE)
+    facts, wrong = behaviour(
+        Network(cell=cell, stages=1, inputs={"load": 0.0}).with_inputs({"load": ramp}), FILE
+    )
     assert wrong == ""
     assert facts["settles"].startswith("settled")
 
