@@ -31,6 +31,9 @@ _RESOLUTION = 1e-11
 def equilibrium(network: Network, x: State) -> np.ndarray:
     """Find the equilibrium (n,) near a state by Newton's method on the drives.
 
+    Inputs that change over time have their values at time zero; for another time pass
+    ``network.at_time(time)``.
+
     Parameters
     ----------
     network : Network

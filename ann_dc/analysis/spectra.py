@@ -332,7 +332,8 @@ def spectrum(
     """Compute the spectrum of a network's flow at a state.
 
     Saturated neurons have no mode. The ends of the spectrum of a large network are computed by
-    Arnoldi iterations.
+    Arnoldi iterations. Inputs that change over time have their values at time zero; for another
+    time pass ``network.at_time(time)``.
 
     Parameters
     ----------
@@ -440,6 +441,6 @@ def stability_limit(network: Network, x: State) -> float:
     """Return the largest stable step of the simultaneous order at a state (n,).
 
     The step is min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow, in units of network
-    time; zero at an unstable point.
+    time; zero at an unstable point. Inputs that change over time have their values at time zero.
     """
     return spectrum(network, x).largest_step

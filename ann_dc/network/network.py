@@ -385,6 +385,8 @@ class Network(Record):
         Returns
         -------
         Network
+            Network whose `inputs` are the values at time zero, and whose `waveforms` are the inputs
+            over time.
 
         Raises
         ------
@@ -399,6 +401,14 @@ class Network(Record):
         >>> moved = synthesize(plants.double_integrator(N=2)).with_inputs({"q_d.x": 3.0})
         >>> moved.inputs["q_d.x"].tolist()
         [3.0, 3.0]
+
+        An input over time, here a step at network time 10:
+
+        >>> from ann_dc import Waveform
+        >>> step = Waveform(times=[0.0, 10.0], values=[1.0, 3.0], hold="previous")
+        >>> driven = moved.with_inputs({"q_d.x": step})
+        >>> driven.inputs["q_d.x"].tolist(), [*driven.waveforms]
+        ([1.0, 1.0], ['q_d.x'])
         """
         for name in values:
             self.input_scale(name)  # an error where there is none
@@ -411,7 +421,33 @@ class Network(Record):
 
     @checked
     def at_time(self, time: Finite) -> Network:
-        """Return the network with the constant inputs of a network time."""
+        """Return the network with the constant inputs of a network time.
+
+        Batches, layers, the two-level algorithm and most exports take constant inputs only.
+
+        Parameters
+        ----------
+        time : float
+            Network time at which inputs that change over time are read.
+
+        Returns
+        -------
+        Network
+            Network without inputs over time; the same object if it has none.
+
+        Raises
+        ------
+        NetworkError
+            If the time is not a finite number.
+
+        Examples
+        --------
+        >>> from ann_dc import Waveform, plants, synthesize
+        >>> ramp = Waveform(times=[0.0, 10.0], values=[1.0, 3.0])
+        >>> network = synthesize(plants.double_integrator(N=2)).with_inputs({"q_d.x": ramp})
+        >>> network.at_time(5.0).inputs["q_d.x"].tolist()
+        [2.0, 2.0]
+        """
         if not self.waveforms:
             return self
         values = {name: one.at(time) for name, one in self.waveforms.items()}

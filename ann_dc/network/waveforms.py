@@ -73,10 +73,42 @@ class Waveform(Record):
     def from_csv(
         cls, path: str | os.PathLike[str], column: str, time: str = "time", hold: Hold = "linear"
     ) -> Waveform:
-        """Read a column of a CSV file with a header, and the column of its times.
+        r"""Read a column of a CSV file with a header, and the column of its times.
 
-        Raises `UnknownNameError` if a column does not exist, `NetworkError` if a cell is no number,
-        and `FileFormatError` if the file cannot be read.
+        Parameters
+        ----------
+        path : path-like
+            CSV file in UTF-8, whose first row has the names of the columns.
+        column : str
+            Name of the column of values, in the user's units of the input.
+        time : str
+            Name of the column of increasing network times. Default "time".
+        hold : {"linear", "previous"}
+            Interpolation between the samples. Default linear.
+
+        Returns
+        -------
+        Waveform
+            Waveform of the same value for all stages.
+
+        Raises
+        ------
+        UnknownNameError
+            If a column does not exist; the message lists the existing ones.
+        NetworkError
+            If a cell is not a finite number, or times do not increase.
+        FileFormatError
+            If the file cannot be read as CSV.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = pathlib.Path(folder, "target.csv")
+        ...     _ = file.write_text("time,x\n0,1.0\n10,3.0\n")
+        ...     target = Waveform.from_csv(file, "x")
+        >>> float(target.at(5.0))
+        2.0
         """
         try:
             with open(path, encoding="utf-8-sig", newline="") as file:

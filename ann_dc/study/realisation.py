@@ -347,8 +347,14 @@ class Realisation:
 
         The controls are in network units, and nan if the network does not settle. Errors are
         relative to the size, see `size_of`. For a form with errata the reference is the corrected
-        form.
+        form. Raises `StudyError` if inputs of the network change over time.
         """
+        moving = [n for n in self.subject.wired.waveforms if f"input.{n}" not in setting]
+        if moving:
+            raise StudyError(
+                f"inputs {', '.join(moving)} change over time, so there is no constant optimum; "
+                "take tracking_error"
+            )
         given = chosen(setting, "problem", "input")
         if "design.kind" in setting:
             given["design.kind"] = setting["design.kind"]

@@ -407,6 +407,11 @@ def _check_run(field: str, name: str, met: set[str], given: set[str]) -> None:
         raise StudyError(f"{field}: {name} lasts as long as a run; set run.duration, too")
     if name == "run.method" and "ode" not in met:
         raise StudyError(f"{field}: {name} means something with run.backend = 'ode' only")
+    if name == "run.duration" and "run.two_level" in given:
+        raise StudyError(
+            f"{field}: {name} is a network time, which outer iterations of run.two_level do not "
+            "have; leave out one of the two"
+        )
     if name == "run.limit" and "run.duration" in given:
         raise StudyError(f"{field}: a run of a given run.duration has no run.limit; leave it out")
     if name == "run.duration" and not met <= {*TIMED}:

@@ -23,6 +23,7 @@ from ann_dc.backends.ode import METHODS, OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import simulate
+from ann_dc.backends.status import Outcome
 from ann_dc.backends.step_rules import ORDERS, FixedStep
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of, require_one_wiring
@@ -53,7 +54,7 @@ from ann_dc.study.records import (
     Value,
     without_result,
 )
-from ann_dc.study.sample import BatchSample, RunSample, Sample, TwoLevelSample
+from ann_dc.study.sample import BatchSample, RunSample, Sample, TwoLevelSample, word_of
 from ann_dc.study.settings import ALONE, CIRCUITS, FAMILIES, Effect, Subject, backend_of, behind
 from ann_dc.study.stored_trajectories import packed
 from ann_dc.study.tasks import Task, sentence
@@ -61,6 +62,8 @@ from ann_dc.two_level.coordination import COORDINATORS
 from ann_dc.two_level.levels import TwoLevels
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
+COMPLETED = word_of(Outcome.COMPLETED)
+"""Outcome of a run of a given duration."""
 BATCH = 500
 """Largest number of cases in a batch."""
 CURVES = 200
@@ -140,9 +143,12 @@ class Work:
         try:
             row: Row = {POINT: point.number, SEED: point.seed, **point.setting}
             row |= {OUTCOME: sample.end.outcome, MESSAGE: sample.end.message}
+            reasons = []
             for metric in self.metrics:
                 row[metric.name], why = _measured(metric, sample)
-                row[MESSAGE] = row[MESSAGE] or why
+                reasons += [why] if why else []
+            if sample.end.outcome == COMPLETED or not row[MESSAGE]:  # a failure explains the rest
+                row[MESSAGE] = "; ".join([row[MESSAGE], *reasons[:1]]).removeprefix("; ")
             return Finished(row, _packed_curves(sample, self.curves))
         except AnnDcError as error:
             return without_result(point, FAILED, sentence(error))

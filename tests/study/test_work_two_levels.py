@@ -35,3 +35,11 @@ def test_two_levels_have_no_network_time():
 def test_another_coordinator_is_refused_by_name():
     with pytest.raises(StudyError, match="steepest"):
         ann_dc.Study(subject="car", vary={"run.two_level": ["steepest"]}, metrics=["steps"])
+
+
+@pytest.mark.parametrize("vary", ["run.two_level", "run.duration"])
+def test_outer_iterations_have_no_duration(vary):
+    settings = {"run.two_level": "newton", "run.duration": 10.0}
+    fixed = {name: value for name, value in settings.items() if name != vary}
+    with pytest.raises(StudyError, match=r"run\.duration is a network time, which outer iter"):
+        ann_dc.Study(subject="car", vary={vary: [settings[vary]]}, fixed=fixed, metrics=["steps"])
