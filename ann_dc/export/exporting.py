@@ -168,8 +168,9 @@ def _exported(
     """Create, check and write the files of one format."""
     if network.waveforms and name not in DRIVEN:
         raise ExportError(
-            f"inputs: {', '.join(network.waveforms)} change over time, which {name} does not hold; "
-            f"take one of {', '.join(DRIVEN)}, or export the network at a time, network.at_time(0)"
+            f"inputs: expected constant values for {name}, got {', '.join(network.waveforms)} over "
+            f"time; take one of {', '.join(DRIVEN)}, or export the network of one time, "
+            "network.at_time(0.0)"
         )
     form = FORMATS[name]
     own = {key: value for key, value in settings.items() if key in form.settings}

@@ -6,12 +6,14 @@ import subprocess
 
 import numpy as np
 import pytest
-from oscillators import chua, reference, van_der_pol
+from oscillators import chua, reference, van_der_pol, wire
 from simulator import needs_ngspice
 
 import ann_dc
+from ann_dc.errors import ExportError
 from ann_dc.export.catalogue import FORMATS, inspect_export
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.network import Cell, Network, Neuron
 
 CIRCUITS = ("pack", "ltspice", "xyce", "kicad", "verilog_a", "schematic", "analog_computer")
 
@@ -34,6 +36,31 @@ def test_what_cannot_be_held_is_refused_by_name(exported):
     _, found = exported
     assert {name for name in FORMATS if found[name].why_not} <= {"nir", "c99", "hdl", "capacitors"}
     assert "xx (product)" in found["nir"].why_not
+    for name in ("c99", "hdl"):
+        assert found[name].why_not.startswith("duration: expected a network that settles, got a ")
+
+
+@pytest.mark.parametrize("refused", ["c99", "hdl", "nir"])
+def test_a_refusal_names_formats_that_take_the_network(exported, refused):
+    _, found = exported
+    named = [name for name in FORMATS if re.search(rf"\b{name}\b", found[refused].why_not)]
+    assert len(named) >= 3
+    assert not any(found[name].why_not for name in named)
+
+
+def test_fixed_point_without_a_duration_names_the_design():
+    network = van_der_pol()
+    with pytest.raises(ExportError, match="network: expected one that settles, got one"):
+        FORMATS["c99"].write(network, reference_vector(network))
+
+
+def test_a_linear_oscillator_is_a_graph_of_nir(tmp_path):
+    """x'' = -x, whose steps are linear."""
+    wires = wire("y", "x"), wire("x", "y", -1.0)
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")), connections=wires)
+    network = Network(cell=cell, stages=1, start={"x": 1.0})
+    [found] = ann_dc.export_network(network, "nir", tmp_path, duration=20.0)
+    assert "50 steps of the graph" in found.worth
 
 
 @needs_ngspice
@@ -88,7 +115,9 @@ def test_inputs_over_time_are_held_or_refused_by_name(tmp_path):
     found = {e.name: e for e in ann_dc.export_network(moving, "all", tmp_path, duration=200.0)}
     held = {name for name, each in found.items() if not each.why_not}
     assert held == {"weights", "csv", "pack", "ltspice", "xyce"}
-    assert "q_d.x change over time" in found["onnx"].why_not
+    for name in found.keys() - held:
+        expected = f"inputs: expected constant values for {name}, got q_d.x over time; take one of "
+        assert found[name].why_not.startswith(expected + "weights, csv, pack")
     for name in ("pack", "ltspice", "xyce"):
         assert "PWL(" in (tmp_path / name / "deck.cir").read_text()
     said = subprocess.run(

@@ -52,6 +52,8 @@ SHORTEST, LONGEST = 8, 1024
 """Shortest and longest period in steps."""
 WATCHED = 4
 """Number of periods for which converged words are observed."""
+ENDLESS = ("onnx", "torch_program", "verilog_a", "pack", "analog_computer")
+"""Formats of networks that do not settle: steps in floating point, and circuits."""
 CONTROLS = "u"
 """Population of the controls."""
 
@@ -111,12 +113,24 @@ def fixed_point(
     ranges = covered(network, over)
     sample = learnt(network, vector, ranges) if vector.settles else None
     if sample is None or not sample.settled[0]:
-        raise ExportError(
-            "vector: this walk does not settle, so that nothing says what its integers should come "
-            "to; design the network for its inputs first"
-        )
+        raise _unsettled(vector)
     trial = _Trial(network, vector, ranges, sample, accuracy)
     return trial.of_width(bits) if bits else trial.fewest()
+
+
+def _unsettled(vector: ReferenceVector) -> ExportError:
+    """Return the error for a network without a settled state."""
+    if vector.duration is None:
+        return ExportError(
+            "network: expected one that settles, got one that does not settle in the steps of its "
+            "test vector; words are chosen for the accuracy of the settled state. Design the "
+            "network for its inputs, or take weights or onnx"
+        )
+    return ExportError(
+        f"duration: expected a network that settles, got a run of {vector.duration:g} that does "
+        "not end at rest; words are chosen for the accuracy of the settled state. Take "
+        f"{', '.join(ENDLESS)}"
+    )
 
 
 @dataclass(frozen=True, eq=False)

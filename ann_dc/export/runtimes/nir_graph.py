@@ -230,8 +230,8 @@ def _check_linear(network: Network) -> None:
             f" and {len(found) - 12} more" if len(found) > 12 else ""
         )
         raise ExportError(
-            f"{network.title}: NIR has linear nodes only, not {reported}; export a network without "
-            "them, or to ONNX, C or Verilog-A"
+            f"cell: NIR has linear nodes only, got {reported}; take onnx, torch_program or "
+            "verilog_a, or a network without them"
         )
 
 
