@@ -19,16 +19,16 @@ from ann_dc.si_prefixes import engineering
 def waveform_rows(found: CircuitStudy) -> dict[str, object]:
     """Return the rows on the waveforms of a circuit, in ngspice and as predicted."""
     rows: dict[str, object] = {"outcome": "not simulated"}
-    if found.run is not None:
-        rows["outcome"] = Text("completed", "green")
-        rows["duration"] = _length(found)
     measured, predicted = measured_waveforms(found), predicted_waveforms(found)
-    if measured is not None:
-        rows["ngspice"] = _sentence(found, measured)
-        rows["trajectory"] = (
-            f"rms error {math.sqrt(measured['mean_square_error']):.1e} of the ODE's rms value"
-        )
-        rows["overload"] = overloads(found.run)
+    if found.run is not None and measured is not None:
+        rows = {
+            "outcome": Text("completed", "green"),
+            "duration": _length(found),
+            "ngspice": _sentence(found, measured),
+            "trajectory": f"rms error {math.sqrt(measured['mean_square_error']):.1e} of the ODE's "
+            "rms value",
+            "overload": overloads(found.run),
+        }
     nothing = f"nothing: {found.unpredicted}"
     rows["predicted"] = nothing if predicted is None else _sentence(found, predicted)
     if np.isfinite(found.final_difference):

@@ -147,8 +147,9 @@ class Work:
             for metric in self.metrics:
                 row[metric.name], why = _measured(metric, sample)
                 reasons += [why] if why else []
-            if sample.end.outcome == COMPLETED or not row[MESSAGE]:  # a failure explains the rest
-                row[MESSAGE] = "; ".join([row[MESSAGE], *reasons[:1]]).removeprefix("; ")
+            said = sample.end.message
+            if sample.end.outcome == COMPLETED or not said:  # a failure explains the rest
+                row[MESSAGE] = "; ".join(filter(None, [said, *reasons[:1]]))
             return Finished(row, _packed_curves(sample, self.curves))
         except AnnDcError as error:
             return without_result(point, FAILED, sentence(error))
