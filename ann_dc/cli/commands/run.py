@@ -93,6 +93,8 @@ def run(
       ann-dc run stiff.npz --method Radau
       ann-dc export oscillator.npz --to pack --duration 30
 
+    Predictions, parts, noise and tolerances of its circuit: ann-dc circuit.
+
     Exit code: 0 settled, or the duration completed; 1 neither; 2 bad input, a
     circuit that cannot be built, ngspice not found, or unwritable output.
     """
