@@ -277,8 +277,9 @@ class CircuitReport:
         median, most = np.quantile(near, [0.5, 0.95])
         within = (noisy(near, self.found.noise) < NEAR).sum()
         return (
-            f"error of {self.found.terms} {median:.2e} median, {most:.2e} for 95 % of {len(samples)} "
-            f"(predicted); {within} of {len(samples)} within {NEAR:.0%}, noise counted"
+            f"error of {self.found.terms} {median:.2e} median, {most:.2e} for 95 % of "
+            f"{len(samples)} (predicted); {within} of {len(samples)} within {NEAR:.0%}, "
+            "noise counted"
             + f"; {len(samples) - len(near)} settle elsewhere"
             * (len(near) < len(samples))
         )
