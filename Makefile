@@ -47,8 +47,8 @@ demos: $(VENV)/test.stamp  ## every demo, into out/demos/
 pictures: demos  ## the same, into the gallery
 	$(BIN)/python tests/pictures.py
 
-docs: $(VENV)/test.stamp  ## the API pages, from the docstrings, into out/docs/; a warning is an error
-	$(BIN)/python tests/api_pages.py out/docs
+docs: $(VENV)/test.stamp  ## guide and reference as HTML into out/docs/; a warning is an error
+	$(BIN)/python -m sphinx -W --keep-going -q -d out/doctrees demos/guide out/docs
 
 suite: $(VENV)/test.stamp  ## 23 problems x 5 starts, and the frozen networks (minutes)
 	PYTHONPATH=tests $(BIN)/python -m bench.suite

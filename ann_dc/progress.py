@@ -87,7 +87,7 @@ class Deadline:
 
 
 def silent(line: str) -> None:
-    """Ignore a ``line``."""
+    """Ignore a ``line``; the default, without progress."""
 
 
 class Paced:

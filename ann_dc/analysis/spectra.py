@@ -293,14 +293,14 @@ class Spectrum:
 
     @property
     def damping_ratio(self) -> float:
-        """Smallest damping ratio -Re(lambda) / |lambda|; positive if the point is stable."""
+        """Smallest damping ratio ``-Re(lambda) / |lambda|``; positive if the point is stable."""
         sizes = np.abs(self.eigenvalues)
         ratios = np.divide(-np.real(self.eigenvalues), sizes, where=sizes > 0, out=0 * sizes)
         return float(ratios.min(initial=1.0))
 
     @property
     def stiffness_ratio(self) -> float:
-        """Stiffness ratio: radius / |abscissa|; infinite if the point is not stable."""
+        """Stiffness ratio: ``radius / |abscissa|``; infinite if the point is not stable."""
         return self.radius / -self.abscissa if self.abscissa < 0 else float("inf")
 
     @property

@@ -77,7 +77,7 @@ class Form:
     lower_level : LowerForm
         S15: solved by (30), which uses equations of the coordinator; S17: by (30) as printed.
     oracle_gain : bool
-        S16: the rate of t and beta follows |B/A| (33), which needs the solution.
+        S16: the rate of t and beta follows ``|B/A|`` (33), which needs the solution.
 
     References
     ----------

@@ -128,7 +128,7 @@ class Design:
 
     @checked
     def predicted_settling(self, tolerance: float = 1e-6) -> float:
-        """Compute the network time of the slowest mode: ln(1/tolerance) / |abscissa|.
+        """Compute the network time of the slowest mode: ``ln(1/tolerance) / |abscissa|``.
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ from ann_dc.validation import Shape, checked
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleGain:
-    r"""Gain lambda = share |B/A| of (21), (33) from the solution; for studies only.
+    r"""Gain lambda = share ``|B/A|`` of (21), (33) from the solution; for studies only.
 
     A step of lambda decreases Theta for 0 < lambda < -B/A only, and B is often positive. The rule
     is applied as printed, with the absolute value. If B < 0, ``share`` = 1/2 decreases Theta most

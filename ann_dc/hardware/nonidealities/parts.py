@@ -56,7 +56,7 @@ def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERY
 def saturation(
     network: Network, limit: FloatOrNan | Mapping[str, FloatOrNan], where: Selection = EVERYWHERE
 ) -> Network:
-    """Limit neurons to |x| <= limit unless a tighter limit exists.
+    """Limit neurons to ``|x| <= limit`` unless a tighter limit exists.
 
     An initial value beyond the limit is moved to the limit. For a PI dual, mu is limited and the
     output m is not. Raises `NetworkError` or `UnknownNameError` if a limit is not positive, or if

@@ -1,7 +1,6 @@
-"""The API pages: every public docstring of ``ann_dc``, rendered by pdoc. ``make docs``.
+"""References in docstrings to names of the package that do not exist.
 
-A name in backticks that looks like one of the package and is none is an error, and so is whatever
-pdoc warns of: a docstring that names what was renamed long ago misleads. A name looks like one of
+A docstring that names what was renamed long ago misleads. A name looks like one of
 the package if it has a dot, and begins with ``ann_dc`` or a module's last name or contains a class:
 ``ann_dc.solve``, ``loops.residuals``, ``Network.state_index``. ``problem.states`` is good too (a
 class of `problem` has them), and ``mu.phi`` does not look like one: it is a neuron.
@@ -14,16 +13,9 @@ import importlib.util
 import inspect
 import pkgutil
 import re
-import sys
-import warnings
 from collections.abc import Iterator
 from dataclasses import is_dataclass
-from pathlib import Path
 from types import ModuleType
-
-import pdoc
-import pdoc.doc
-import pdoc.render
 
 import ann_dc
 
@@ -127,41 +119,3 @@ def broken_references(known: list[ModuleType]) -> list[str]:
                 if names.broken(reference, module):
                     found.append(f"{where}: `{reference}` does not exist")
     return found
-
-
-def write(folder: Path, known: list[ModuleType]) -> None:
-    """Render the pages; whatever pdoc warns of is an error.
-
-    pdoc's own walk would stop at a face (its ``__all__`` names no modules).
-    """
-    pdoc.render.configure(docformat="numpy", math=True, show_source=False, footer_text="ann_dc")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UserWarning)
-        warnings.filterwarnings("ignore", message="Error parsing type annotation")
-        pages = {module.__name__: pdoc.doc.Module(module) for module in known}
-        for name, page in pages.items():
-            inside = [each for other, each in pages.items() if other.rpartition(".")[0] == name]
-            page.submodules = inside
-        for name, page in pages.items():
-            file = folder / f"{name.replace('.', '/')}.html"
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(pdoc.render.html_module(page, pages), encoding="utf-8")
-        (folder / "index.html").write_text(pdoc.render.html_index(pages), encoding="utf-8")
-        (folder / "search.js").write_text(pdoc.render.search_index(pages), encoding="utf-8")
-
-
-def main() -> int:
-    """Write the pages; exit code 1 and a list if a reference is broken."""
-    known = modules()
-    found = broken_references(known)
-    print(*found, sep="\n", end="\n" if found else "")
-    if found:
-        return 1
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/docs")
-    write(folder, known)
-    print(f"{len(known)} pages in {folder}/")
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -1,17 +1,17 @@
-"""References in docstrings: `make docs` refuses what does not exist."""
+"""References in docstrings to names that do not exist."""
 
 import subprocess
 import sys
 from pathlib import Path
 
-import api_pages
+import docstring_references
 import pytest
 
 import ann_dc.evaluation.loops
 import ann_dc.network.network
 from ann_dc.network import network
 
-NAMES = api_pages.Names([ann_dc, ann_dc.evaluation.loops, network])
+NAMES = docstring_references.Names([ann_dc, ann_dc.evaluation.loops, network])
 
 
 @pytest.mark.parametrize(
@@ -47,20 +47,13 @@ def test_what_does_not_exist_is_found(reference):
 @pytest.mark.slow
 def test_no_docstring_refers_to_what_does_not_exist():
     """In a process of its own: every module is loaded, torch among them."""
-    program = "import api_pages as a; print(*a.broken_references(a.modules()), sep='\\n')"
-    folder = Path(api_pages.__file__).parent
+    program = (
+        "import docstring_references as a; print(*a.broken_references(a.modules()), sep='\\n')"
+    )
+    folder = Path(docstring_references.__file__).parent
     words = [sys.executable, "-c", program]
     done = subprocess.run(words, capture_output=True, text=True, cwd=folder)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stdout + done.stderr
-
-
-@pytest.mark.slow
-def test_every_page_is_written_without_a_warning(tmp_path):
-    words = [sys.executable, api_pages.__file__, tmp_path]
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.endswith(f" pages in {tmp_path}/\n")
-    assert (tmp_path / "ann_dc.html").exists()
 
 
 def test_a_broken_reference_is_told_with_its_place():
@@ -70,5 +63,5 @@ def test_a_broken_reference_is_told_with_its_place():
     documented.__module__ = module = "ann_dc.made_up"
     made_up = type(ann_dc)(module)
     made_up.documented, made_up.Network = documented, network.Network
-    found = api_pages.broken_references([ann_dc, made_up])
+    found = docstring_references.broken_references([ann_dc, made_up])
     assert found == ["ann_dc.made_up.documented: `Network.no_such_field` does not exist"]
