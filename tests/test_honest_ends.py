@@ -15,7 +15,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.backends.step_rules import FixedStep
 from ann_dc.gain_design.gains import manual_gains
 from ann_dc.problem import plants
-from ann_dc.report.solution import report_table
+from ann_dc.report.solution import solution_report
 
 SOON = 2000
 """Steps of the first run after which it is known: a second or two."""
@@ -126,7 +126,7 @@ def test_a_run_that_did_not_settle_states_no_second_order(ended):
     assert not solution.status.settled
     assert solution.as_dict()["second_order"] is None
     table = Console(width=300, file=io.StringIO())
-    table.print(report_table(solution))
+    table.print(solution_report(solution))
     for reported in (str(solution), table.file.getvalue()):
         assert "strict local minimum" not in reported
         assert "not checked: the KKT residual" in reported

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
 
+import numpy as np
+from rich.console import Group
+from rich.padding import Padding
 from rich.table import Table
+from rich.text import Text
 
 from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
@@ -15,39 +20,106 @@ from ann_dc.gain_design.neighbourhood import neighbourhood
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
-from ann_dc.report.tables import named_rows, span, unit_list, verdict_text
+from ann_dc.report.tables import named_rows, printable, span, table, unit_list
 from ann_dc.solution.solution import Solution
 from ann_dc.weights.network_file import save as save_network
 
+LISTED = 12
+"""Largest number of rows of the table of stages that is shown in full by default."""
+FIRST, LAST = 4, 3
+"""Numbers of rows at both ends of a longer table."""
+SMALLEST = 1e-7
+"""Values below this fraction of the largest of their column are shown as zero."""
+WIDEST = 8
+"""Largest number of states and controls in the table of stages."""
 
-def report_table(solution: Solution, backend: Backend | None = None) -> Table:
-    """Return the table that ``ann-dc solve`` prints.
 
-    Rows of the backend are omitted if the backend is unknown.
+class Stages(Enum):
+    """Rows of the table of stages: a selection of long ones, all, or none."""
+
+    SHORT = "short"
+    ALL = "all"
+    NONE = "none"
+
+
+def solution_report(
+    solution: Solution, backend: Backend | None = None, stages: Stages = Stages.SHORT
+) -> Group:
+    """Return the report that ``ann-dc solve`` prints: result, cost and time, checks, settings.
+
+    A table of states and controls follows. Rows of the backend are omitted if it is unknown.
     """
     certificate = solution.certificate
     rows = {
-        "problem": solution.problem,
-        "units": unit_list(solution.problem),
-        "equations": solution.equations.form,
-        "status": solution.status,
-        "certified": verdict_text(solution.certified, solution.verdict),
         "objective": f"{solution.objective:.10g} {solution.problem.cost_unit}".rstrip(),
         **({} if isinstance(solution.problem.dt, float) else {"step length": solution.chosen_step}),
-        "KKT residual": f"{certificate.kkt_residual:.1e}, relative, in natural scales "
-        f"(constraints {certificate.constraint_residual:.1e}, "
+        **({} if certificate.largest is None else {"objectives": certificate.largest.counts}),
+        **_times(solution, _recurrence(backend)),
+        "status": solution.status,
+        "KKT residual": f"{certificate.kkt_residual:.1e}, relative in natural scales "
+        f"(feasibility {certificate.constraint_residual:.1e}, "
         f"stationarity {certificate.stationarity_residual:.1e})",
         **_inequalities(certificate.complementarity),
         **({} if certificate.soft_rows is None else {"soft rows": certificate.soft_rows.reported}),
-        **({} if certificate.largest is None else {"objectives": certificate.largest.counts}),
         "second order": certificate.verdict,
-        "Newton step": f"{certificate.newton_step:.1e} of a component's range, at most",
-        "roll-out error": f"{solution.rollout_error:.1e} of a state's scale, from where the "
-        "controls alone arrive to q_d",
-        **_times(solution, _recurrence(backend)),
+        "Newton step": f"{certificate.newton_step:.1e} of a component's range at most",
+        "simulation error": f"{solution.rollout_error:.1e} of a state's scale (terminal state of "
+        "an open-loop simulation against q_d)",
+        **_verification(solution),
+        "problem": solution.problem,
+        "units": unit_list(solution.problem),
+        "equations": solution.equations.form,
         **_gains(solution),
     }
-    return named_rows(rows)
+    parts = [_headline(solution), _indented(named_rows(rows))]
+    if stages is not Stages.NONE:
+        parts += ["", _indented(stage_table(solution, stages))]
+    return Group(*parts)
+
+
+def _indented(shown: Table) -> Padding:
+    return Padding(shown, (0, 0, 0, 2), expand=False)
+
+
+def _headline(solution: Solution) -> Text:
+    """Return the result in one line."""
+    reached = "settled at" if solution.status.settled else "found"
+    verdict = (
+        f"{reached} a certified optimum, {solution.verdict}"
+        if solution.certified
+        else f"not certified: {solution.verdict}"
+    )
+    colour = "green" if solution.certified else "red"
+    return Text.assemble((f"{printable(solution.problem.name)}: ", "bold"), (verdict, colour))
+
+
+def stage_table(solution: Solution, stages: Stages = Stages.SHORT) -> Table:
+    """Return the table of states and controls over the stages, in the user's units."""
+    problem = solution.problem
+    names = [*map(str, problem.states), *map(str, problem.controls)]
+    hidden = len(names) - WIDEST
+    units = [problem.unit(name) for name in names[:WIDEST]]
+    heads = [f"{n} ({unit})" if unit else n for n, unit in zip(names, units)]
+    shown = table("k", f"t ({problem.time_unit})", *heads, dense=True)
+    for column in shown.columns:
+        column.justify, column.no_wrap = "right", True
+    columns = [solution.time, *(solution[name] for name in names[:WIDEST])]
+    count = len(solution.time)
+    rows = [*range(count)]
+    if stages is Stages.SHORT and count > LISTED:
+        rows = [*rows[:FIRST], -1, *rows[-LAST:]]
+    for k in rows:
+        cells = [_number(c, k) if k < len(c) else "" for c in columns]
+        shown.add_row(*([str(k), *cells] if k >= 0 else ["..."]))
+    notes = ["all stages: --table all"] * (len(rows) < count)
+    notes += [f"{hidden} more columns: --trajectory FILE"] * (hidden > 0)
+    shown.caption, shown.caption_justify = "; ".join(notes) or None, "left"
+    return shown
+
+
+def _number(column: np.ndarray, k: int) -> str:
+    """Return a value to five digits; zero if it is a rounding error of its column."""
+    return f"{column[k] if abs(column[k]) > SMALLEST * np.abs(column).max() else 0:.5g}"
 
 
 def _inequalities(kept: Complementarity | None) -> dict[str, str]:
@@ -60,7 +132,6 @@ def _inequalities(kept: Complementarity | None) -> dict[str, str]:
 
 
 def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
-    reported = "{1:.4g} fastest time constants = {0:.4g} unit time constants".format
     times, run, design = {}, solution.run, solution.design
     if design is not None and design.first.found_by:
         times["optimum found by"] = design.first.found_by
@@ -69,16 +140,21 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
         times["neighbourhood"] = str(neighbourhood(design))
     if recurrence is not None:
         times["recurrence"] = recurrence
+    found = []
     if solution.status.settled:
-        constants = solution.normalised_settling_time
-        times["settling time"] = reported(solution.settling_time, constants)
+        found.append(f"{solution.normalised_settling_time:.3g} tau_min measured")
         if recurrence is not None:
             times["settling steps"] = f"{run.settling_steps} recurrent steps of {run.steps} done"
-        times["verified"] = run.verified
     if design is not None and (predicted := solution.predicted_settling) is not None:
-        continuous = "" if recurrence is None else ", in continuous time"
-        times["predicted"] = reported(predicted, predicted * design.spectrum.radius) + continuous
+        continuous = "" if recurrence is None else " in continuous time"
+        found.append(f"{predicted * design.spectrum.radius:.3g} predicted{continuous}")
+    if found:
+        times["settling time"] = f"{', '.join(found)} (tau_min: fastest time constant)"
     return times
+
+
+def _verification(solution: Solution) -> dict[str, str]:
+    return {"verified": solution.run.verified} if solution.status.settled else {}
 
 
 def _recurrence(backend: Backend | None) -> str | None:
@@ -100,13 +176,13 @@ def _gains(solution: Solution) -> dict[str, str]:
     index = design.network.neuron_index
     rho = span([design.gains.rho[index[dual.neuron]] for dual in design.network.cell.duals])
     origin = (
-        f"{design.rho_star:.3g} would do for any time constants"
+        f"threshold {design.rho_star:.3g}"
         if design.settled
-        else "designed where a first run stopped without settling"
+        else "designed at the end of a run that did not settle"
     )
     return {
-        "rho": f"{rho} ({origin})",
         "preconditioner": preconditioner.kind.value,
+        "penalty rho": f"{rho} ({origin})",
     }
 
 

@@ -25,8 +25,8 @@ def table(*columns: str, dense: bool = False) -> Table:
 
 
 def named_rows(rows: Mapping[str, object]) -> Table:
-    """Return a table of names and literal values."""
-    shown = Table(show_header=False)
+    """Return a table of names and literal values, without borders."""
+    shown = Table(show_header=False, box=None, padding=(0, 2, 0, 0), pad_edge=False)
     shown.add_column(no_wrap=True, style="bold")
     shown.add_column(overflow="fold")
     for name, value in rows.items():

@@ -9,7 +9,7 @@ from rich.console import Console
 import ann_dc
 from ann_dc.decomposition.form import switch
 from ann_dc.optimality.complementarity import Complementarity
-from ann_dc.report.solution import report_table, write_solution
+from ann_dc.report.solution import solution_report, write_solution
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def solution():
 def test_the_report_names_what_decides(solution):
     console = Console(width=120, color_system=None)
     with console.capture() as capture:
-        console.print(report_table(solution, ann_dc.OdeBackend()))
+        console.print(solution_report(solution, ann_dc.OdeBackend()))
     text = capture.get()
     assert "x (m), v (m/s), a (m/s^2), dt (s)" in text
     assert "fastest time constants = " in text
@@ -39,7 +39,7 @@ def test_a_misprint_has_no_predicted_settling(solution):
     assert printed.predicted_settling is None
     console = Console(width=120, color_system=None)
     with console.capture() as capture:
-        console.print(report_table(printed))
+        console.print(solution_report(printed))
     assert "predicted" not in capture.get()
 
 
@@ -51,7 +51,7 @@ def test_inequalities_are_told_where_there_are_any(solution, tmp_path):
     for one, words in ((solution, None), (reported, "3 strongly active, 1 weakly, 6 inactive")):
         console = Console(width=200, color_system=None)
         with console.capture() as capture:
-            console.print(report_table(one))
+            console.print(solution_report(one))
         assert ("inequalities" in capture.get()) == (words is not None)
         assert (words or "second order") in capture.get()
         assert ("inequalities" in one.as_dict()) == (words is not None)

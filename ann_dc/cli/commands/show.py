@@ -54,9 +54,9 @@ def show(
         chosen = equations or cell or counts or latex or scales
         saved = _saved(problem)
         if saved is not None and not chosen:
-            from ann_dc.report.solution import report_table
+            from ann_dc.report.solution import solution_report
 
-            console().print(report_table(saved))
+            console().print(solution_report(saved))
             return
         declared = problem.declared() if saved is None else saved.problem
         stage = decompose(declared, form_of(form))

@@ -129,7 +129,7 @@ def solve(
 
         with phase("imports"):
             from ann_dc import solver
-            from ann_dc.report.solution import report_table
+            from ann_dc.report.solution import solution_report
 
         found = None
         with arithmetic_of(declared.name), needing_torch(f"--backend {backend}"):
@@ -144,7 +144,7 @@ def solve(
                 gains = _refined(declared, equations, options, aim, progress) if refine else None
                 settings = {"form": equations, "gains": gains, "backend": chosen}
                 solution = solver.solve(declared, **settings, **options, progress=progress)
-        table = report_table(solution, chosen)
+        table = solution_report(solution, chosen)
         written = _write(solution, found, files, shown)
     code = 0 if solution.status.settled and solution.certified else 1
     shown_first = [] if found is None else [str(found)]
