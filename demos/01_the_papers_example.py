@@ -5,6 +5,7 @@ Answer:   yes. It settles to E = 398.6315 for D = 1 and 368.1893 for D = 0.5, th
           finds, in about 50 of its own fastest time constants; the controls alone arrive. As
           printed they give a straight line without steering, or nothing that rests.
 Figure:   out/demos/01_D1.0/ and 01_D0.5/, four pictures each: plan, controls, settling, spectrum;
+          01_overview.png: the way from the problem to the network, and its result;
           01_paths.png and 01_controls.png: what holds beside what is printed, no obstacles.
 """
 
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import ann_dc
 from ann_dc.paper import demonstrations
-from ann_dc.plotting.paper import free_controls, free_paths
+from ann_dc.plotting.paper import free_controls, free_paths, overview
 
 WHEEL_BASES = (1.0, 0.5)
 
@@ -41,6 +42,7 @@ def as_printed(optimum: ann_dc.Solution, out: Path) -> list[Path]:
     for label, solution in runs.items():
         print(f"{label}: {solution.status.message}")
     return [
+        ann_dc.plotting.save(overview(optimum), out / "01_overview.png"),
         ann_dc.plotting.save(free_paths(*drawn), out / "01_paths.png"),
         ann_dc.plotting.save(free_controls(*drawn), out / "01_controls.png"),
     ]

@@ -3,6 +3,7 @@ from .iterations import (
     figure_of_definitions as figure_of_definitions,
     figure_of_following as figure_of_following,
 )
+from .overview import overview as overview
 from .paths import (
     figure_4 as figure_4,
     figure_5 as figure_5,

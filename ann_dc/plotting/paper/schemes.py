@@ -46,7 +46,7 @@ def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> 
     _dashed(axes, front, 0.56 * D * ahead)
     turned = np.array([np.cos(phi + varphi), np.sin(phi + varphi)])
     _dashed(axes, front, 0.7 * D * turned)
-    _arrow(axes, rear, rear + 0.45 * D * ahead, BLUE)
+    arrow(axes, rear, rear + 0.45 * D * ahead, BLUE)
     _angle(axes, rear, 0.5 * D, (0.0, phi), "phi")
     _angle(axes, front, 0.5 * D, (phi, phi + varphi), "varphi")
     _label(axes, rear - 0.12 * D * (ahead - aside), "(x, y)", INK, ha="right", va="center")
@@ -80,17 +80,17 @@ def figure_2(problem: OptimalControlProblem) -> Figure:
     figure, axes = _board(10.4, 3.2)
     last = problem.horizon - 1
     for place, k in zip(COLUMNS, ("0", "k", str(last))):
-        _box(axes, place, 0.0, f"$t_{{{k}}} = f(q_{{{k}}}, u_{{{k}}})$")
-        _arrow(axes, (place + 1.0, 1.45), (place + 1.0, 0.85), BLUE)
+        box(axes, place, 0.0, f"$t_{{{k}}} = f(q_{{{k}}}, u_{{{k}}})$")
+        arrow(axes, (place + 1.0, 1.45), (place + 1.0, 0.85), BLUE)
         axes.text(place + 1.0, 1.55, f"$u_{{{k}}}$", ha="center", va="bottom", color=BLUE)
-    _arrow(axes, (-0.9, 0.4), (0.0, 0.4), INK)
+    arrow(axes, (-0.9, 0.4), (0.0, 0.4), INK)
     axes.text(-0.95, 0.4, "$q_0$ given", ha="right", va="center")
     for place, (out, into) in zip(COLUMNS, (("0", "k"), ("k", str(last)))):
-        _arrow(axes, (place + 2.0, 0.4), (place + 3.4, 0.4), INK, dashed=True)
+        arrow(axes, (place + 2.0, 0.4), (place + 3.4, 0.4), INK, dashed=True)
         axes.text(place + 2.1, 0.48, f"$t_{{{out}}}$", va="bottom")
         before = "k-1" if into == "k" else str(last - 1)
         axes.text(place + 2.7, 0.1, f"$q_{{{into}}} = t_{{{before}}}$", ha="center", va="top")
-    _arrow(axes, (COLUMNS[-1] + 2.0, 0.4), (COLUMNS[-1] + 2.9, 0.4), INK)
+    arrow(axes, (COLUMNS[-1] + 2.0, 0.4), (COLUMNS[-1] + 2.9, 0.4), INK)
     end = "$q_d$" if any(problem.fixed) else "free end"
     axes.text(COLUMNS[-1] + 2.95, 0.4, f"$t_{{{last}}}$ = {end}", va="center")
     axes.set_xlim(-2.4, COLUMNS[-1] + 4.6)
@@ -118,16 +118,16 @@ def figure_3(problem: OptimalControlProblem) -> Figure:
     figure, axes = _board(10.4, 4.4)
     last = problem.horizon - 1
     width = COLUMNS[-1] + 2.0
-    _box(axes, 0.0, 2.6, "", width=width, height=1.0)
+    box(axes, 0.0, 2.6, "", width=width, height=1.0)
     axes.text(width / 2, 3.36, "upper level: coordinator, (14), (15), (17) corrected", ha="center")
     axes.text(
         width / 2, 2.9, r"$t_k \leftarrow t_k + \lambda_t(\mu_k + \beta_{k+1})$"
         r"$\qquad \beta_k \leftarrow \beta_k + \lambda_\beta(q_k - t_{k-1})$", ha="center",
     )  # fmt: skip
     for place, k in zip(COLUMNS, ("0", "k", str(last))):
-        _box(axes, place, 0.0, f"stage {k}\n$q_{{{k}}}, u_{{{k}}}, \\mu_{{{k}}}$")
-        _arrow(axes, (place + 0.6, 2.6), (place + 0.6, 0.85), ORANGE)
-        _arrow(axes, (place + 1.4, 0.85), (place + 1.4, 2.6), BLUE)
+        box(axes, place, 0.0, f"stage {k}\n$q_{{{k}}}, u_{{{k}}}, \\mu_{{{k}}}$")
+        arrow(axes, (place + 0.6, 2.6), (place + 0.6, 0.85), ORANGE)
+        arrow(axes, (place + 1.4, 0.85), (place + 1.4, 2.6), BLUE)
         reported = {"0": "$t_0$", "k": r"$t_k, \beta_k$"}.get(k, rf"$\beta_{{{k}}}$")
         axes.text(place + 0.5, 1.72, reported, ha="right", color=ORANGE)
         axes.text(place + 1.5, 1.72, f"$q_{{{k}}}, \\mu_{{{k}}}$", color=BLUE)
@@ -150,16 +150,16 @@ def _board(width: float, height: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _box(
-    axes: Axes, x: float, y: float, text: str, width: float = 2.0, height: float = 0.8
-) -> None:
+def box(axes: Axes, x: float, y: float, text: str, width: float = 2.0, height: float = 0.8) -> None:
+    """Draw a box with a text at its centre; ``x``, ``y`` is its lower left corner."""
     shape = "round,pad=0,rounding_size=0.08"
     patch = FancyBboxPatch((x, y), width, height, boxstyle=shape, fc=BOX, ec=INK, lw=1.0)
     axes.add_patch(patch)
     axes.text(x + width / 2, y + height / 2, text, ha="center", va="center")
 
 
-def _arrow(axes: Axes, start, end, colour: str, dashed: bool = False) -> None:
+def arrow(axes: Axes, start, end, colour: str, dashed: bool = False) -> None:
+    """Draw an arrow between two points."""
     line = {"arrowstyle": "-|>", "color": colour, "lw": 1.3, "ls": "--" if dashed else "-"}
     axes.annotate("", tuple(end), tuple(start), arrowprops={**line, "shrinkA": 0, "shrinkB": 0})
 
