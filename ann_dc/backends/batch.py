@@ -7,8 +7,8 @@ its number.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
+from ann_dc.network.waveforms import Waveform
 from ann_dc.si_prefixes import counted
 
 _Check = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -135,7 +136,7 @@ class BatchRun:
     network : Network
         Network of which all samples are copies.
     inputs : dict of str to (B, N) array
-        Every input of every sample, as in ``network.inputs``.
+        Every input of every sample, as in ``network.inputs``; at time zero if it changes.
     states : (B, n) array
         Final state vectors in network units.
     outcomes : tuple of Outcome
@@ -154,6 +155,8 @@ class BatchRun:
         Trajectories of the samples, if the backend was asked to store them; see `trajectory`.
     numbers : Numbers or None
         Weights and rates of every sample, if they differ from those of the network.
+    waveforms : mapping of str to Waveform
+        Inputs over time with values (K, B or 1, N or 1).
 
     Examples
     --------
@@ -177,6 +180,7 @@ class BatchRun:
     residuals: np.ndarray
     curves: BatchCurves | None = None
     numbers: Numbers | None = None
+    waveforms: Mapping[str, Waveform] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.states)
@@ -195,7 +199,17 @@ class BatchRun:
         if self.numbers is not None:
             own = range(len(self))[sample] if len(self.numbers) > 1 else 0
             network = self.numbers.network_of(network, own)
-        return network.with_inputs({name: v[sample] for name, v in self.inputs.items()})
+        inputs = {name: v[sample] for name, v in self.inputs.items()}
+        return network.with_inputs(inputs | self._waveforms_of(range(len(self))[sample]))
+
+    def _waveforms_of(self, sample: int) -> dict[str, Waveform]:
+        """Return the inputs over time of one sample, with values (K, N or 1)."""
+        found = {}
+        for name, one in self.waveforms.items():
+            values = one.values[:, sample if one.values.shape[1] > 1 else 0]
+            values = np.broadcast_to(values, (len(values), self.network.stages))
+            found[name] = replace(one, values=values)
+        return found
 
     def trajectory(self, sample: int) -> Trajectory:
         """Return the states of one sample over network time, as in a single run.

@@ -19,8 +19,9 @@ from ann_dc.backends.batched.continuous import Integration, advance_lanes
 from ann_dc.backends.batched.continuous_code import ROWS
 from ann_dc.backends.batched.group import Group
 from ann_dc.backends.batched.located import Again, locate_exits
+from ann_dc.backends.batched.segments import Driven
 from ann_dc.backends.integration.drawing import CompiledAgain
-from ann_dc.backends.integration.driven import DrivenStepper
+from ann_dc.backends.integration.driven import DrivenAgain, DrivenStepper
 from ann_dc.backends.integration.integrator import Ends
 from ann_dc.backends.integration.methods import (
     BATCHES as BATCHES,
@@ -54,8 +55,10 @@ from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.drive import Drive
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.variant_numbers import Numbers
+from ann_dc.network.inputs import waveform_batch
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
+from ann_dc.network.waveforms import Waveform
 from ann_dc.progress import Paced, Progress, Stopped, silent
 from ann_dc.validation import Count, Index, Positive, PositiveFinite, checked
 
@@ -170,9 +173,11 @@ class OdeBackend:
         ----------
         network : Network
             Network of which all samples are copies.
-        inputs : mapping of input name to number, (B,) or (B, N) array
+        inputs : mapping of input name to number, (B,) or (B, N) array, or Waveform
             Inputs that replace those of ``network.inputs``. An input that is not finite fails only
-            its sample.
+            its sample. The values of a waveform are (K,), the same for all samples, (K, B) or
+            (K, B, N). Waveforms of the network itself are the same for all samples. Inputs over
+            time need a ``duration`` of the backend; no step passes a time of a waveform.
         x : (n,) or (B, n) array, optional
             Initial guess in network units; by default the network's start, adapted to its boundary
             conditions.
@@ -189,7 +194,8 @@ class OdeBackend:
         ------
         UnknownNameError, NetworkError
             If an input does not exist; if sizes do not agree or numbers belong to another wiring;
-            if the method is not compiled or no code is generated for the wiring.
+            if the method is not compiled or no code is generated for the wiring; if inputs change
+            over time and the backend has no ``duration``.
 
         Examples
         --------
@@ -198,12 +204,21 @@ class OdeBackend:
         >>> batch = ann_dc.OdeBackend().run_batch(network, {"q_d.x": [0.5, float("nan"), 2.0]})
         >>> batch.settled.tolist(), bool(batch.settling_times[0] > 0)
         ([True, False, True], True)
+
+        Two targets that move:
+
+        >>> ramps = ann_dc.Waveform(times=[0.0, 90.0], values=[[1.0, 1.0], [1.5, 2.0]])
+        >>> batch = ann_dc.OdeBackend(duration=100.0).run_batch(network, {"q_d.x": ramps})
+        >>> [float(batch.network_of(sample).waveforms["q_d.x"].at(90.0)[0]) for sample in (0, 1)]
+        [1.5, 2.0]
         """
         method = BATCHES if self.method is COMPILED else self.method
         if method.rows is None:
             raise NetworkError(
                 f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
             )
+        waveforms = waveform_batch(network, inputs)
+        self._check_duration(network, waveforms)
         rows, ends = method.rows, ends_of(self.settling, self.most_steps)
         fastest = Beginning.of(network, fast_evaluator(network)).fastest
         if self.duration is not None:
@@ -218,8 +233,9 @@ class OdeBackend:
         attempts = attempts_of(network)
 
         def begin(lanes: Lanes) -> Thread:
-            group = Group.of(lanes, rows.slopes, ROWS)
-            integration, again = Integration.of(group, rows, ends, steps), Again.of(group, rows)
+            group, driven = Group.of(lanes, rows.slopes, ROWS), Driven.of(lanes, network, waveforms)
+            integration = Integration.of(group, rows, ends, steps, driven)
+            again = Again.of(group, rows, driven)
             return Thread(
                 group,
                 lambda *given: advance_lanes(group, integration, *given, attempts),
@@ -227,10 +243,23 @@ class OdeBackend:
             )
 
         settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}
-        batch = run_lanes(network, inputs, x, begin, numbers=numbers, **settings)
+        first = {n: v.at(0.0) if isinstance(v, Waveform) else v for n, v in inputs.items()}
+        batch = run_lanes(
+            network, first, x, begin,
+            numbers=numbers, waveforms=waveforms, duration=steps["until"], **settings,
+        )  # fmt: skip
         if self.duration is not None:
             batch = batch.completed()
-        return batch.with_between(partial(CompiledAgain, method=method))
+        again = DrivenAgain if waveforms else CompiledAgain
+        return batch.with_between(partial(again, method=method))
+
+    def _check_duration(self, network: Network, waveforms: Mapping[str, Waveform]) -> None:
+        """Raise `NetworkError` if inputs change over time and no duration is given."""
+        if waveforms and self.duration is None:
+            raise NetworkError(
+                f"duration: {network.title} has inputs over time, of {', '.join(waveforms)}; give "
+                "the duration of the run"
+            )
 
     def _until(self, network: Network, fastest: float) -> float:
         """Return the time limit of a run, with the fastest time constant at the start."""
@@ -265,11 +294,7 @@ class OdeBackend:
         """
         if network.waveforms and rhs is not None:
             raise NetworkError("rhs: another right-hand side has no inputs over time; leave it out")
-        if network.waveforms and self.duration is None:
-            raise NetworkError(
-                f"duration: {network.title} has inputs over time, of "
-                f"{', '.join(network.waveforms)}; give the duration of the run"
-            )
+        self._check_duration(network, network.waveforms)
         run = _Integration(network, self, self.method, rhs).run()
         if run.status.outcome is Outcome.COMPLETED:
             return replace(run, verified="its residual is not below tolerance at the end")
@@ -309,7 +334,8 @@ class _Integration:
         self.recorder = Recorder(network)
         self.recorder.record(0.0, start, residuals)
         if drive and backend.duration:
-            self.stepper: Stepper = DrivenStepper(drive, method, backend.duration)
+            began = 0.0, network.start_state
+            self.stepper: Stepper = DrivenStepper(drive, method, backend.duration, began)
             return
         self.stepper = stepper_of(
             self.compiled,

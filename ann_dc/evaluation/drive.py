@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -51,9 +52,9 @@ def _driven(network: Network, name: str, waveform: Waveform) -> _Driven:
     return _Driven(waveform, network.input_scale(name), nodes[name], places, left)
 
 
-def breakpoints(network: Network, duration: float) -> np.ndarray:
+def breakpoints(waveforms: Mapping[str, Waveform], duration: float) -> np.ndarray:
     """Return the network times (K,) between which all inputs are smooth, from 0 to the duration."""
-    times = [one.times for one in network.waveforms.values()]
+    times = [one.times for one in waveforms.values()]
     inside = np.concatenate([np.empty(0), *times])
     inside = inside[(inside > 0) & (inside < duration)]
     return np.unique(np.concatenate([[0.0], inside, [duration]]))

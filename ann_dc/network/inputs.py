@@ -7,12 +7,14 @@ follows: a straight line from q_0 to q_d remains straight when its ends move.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ann_dc.errors import NetworkError, ProblemError, UnknownNameError
 from ann_dc.network.network import Network
+from ann_dc.network.waveforms import Waveform
 
 
 def input_batch(network: Network, inputs: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -44,6 +46,32 @@ def input_batch(network: Network, inputs: Mapping[str, Any]) -> dict[str, np.nda
         for name, value in network.inputs.items()
     }
     return whole | {name: np.broadcast_to(array, shape) for name, array in arrays.items()}
+
+
+def waveform_batch(network: Network, inputs: Mapping[str, Any]) -> dict[str, Waveform]:
+    """Return all inputs over time of a batch, with values (K, B or 1, N or 1).
+
+    They are those of the network, (K,) or (K, N) and the same for all samples, unless an input is
+    given; and the given waveforms, (K,), (K, B) or (K, B, N).
+
+    Examples
+    --------
+    >>> from ann_dc import Waveform, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> ramps = Waveform(times=[0.0, 9.0], values=[[1.0, 2.0], [1.5, 3.0]])
+    >>> waveform_batch(network, {"q_d.x": ramps})["q_d.x"].values.shape
+    (2, 2, 1)
+    """
+    found = {
+        name: replace(one, values=one.values.reshape(len(one.times), 1, -1))
+        for name, one in network.waveforms.items()
+        if name not in inputs
+    }
+    for name, one in inputs.items():
+        if isinstance(one, Waveform):
+            shape = *one.values.shape, *[1] * (3 - one.values.ndim)
+            found[name] = replace(one, values=one.values.reshape(shape))
+    return found
 
 
 def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:

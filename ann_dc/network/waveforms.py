@@ -31,8 +31,10 @@ class Waveform(Record):
     ----------
     times : (K,) array
         Increasing network times of the samples.
-    values : (K,) or (K, N) array
-        Values in the user's units, the same for all stages or one per stage.
+    values : (K,), (K, N), (K, B) or (K, B, N) array
+        Values in the user's units. For a network: the same for all stages, (K,), or one per stage,
+        (K, N). For B samples of `OdeBackend.run_batch`: the same for all samples, (K,), one per
+        sample, (K, B), or one per sample and stage, (K, B, N).
     hold : {"linear", "previous"}
         Interpolation: linear, or the previous sample (zero-order hold). Default linear.
 
@@ -56,10 +58,10 @@ class Waveform(Record):
         times, values = (np.array(given, float) for given in (self.times, self.values))
         if times.ndim != 1 or not len(times) or not (np.diff(times) > 0).all():
             raise NetworkError(f"waveform: expected increasing times (K,), got {times!r:.80}")
-        if values.ndim not in (1, 2) or len(values) != len(times):
+        if values.ndim not in (1, 2, 3) or len(values) != len(times):
             raise NetworkError(
-                f"waveform: expected values ({len(times)},) or ({len(times)}, N), one per time, "
-                f"got {values.shape}"
+                f"waveform: expected values ({len(times)},), ({len(times)}, N), or of a batch "
+                f"({len(times)}, B) or ({len(times)}, B, N), one per time, got {values.shape}"
             )
         if not (np.isfinite(times).all() and np.isfinite(values).all()):
             raise NetworkError(
@@ -127,7 +129,7 @@ class Waveform(Record):
 
     @checked
     def at(self, time: Finite) -> np.ndarray:
-        """Return the value at a network time: one number, or one per stage (N,)."""
+        """Return the value at a network time: one number or an array, as ``values`` without K."""
         times, values = self.times, self.values
         last = int(np.searchsorted(times, time, side="right")) - 1
         if last < 0 or last == len(times) - 1 or self.hold == "previous":
@@ -140,7 +142,7 @@ def check_constant(waveforms: Mapping[str, Waveform]) -> None:
     """Raise `NetworkError` if inputs of a network change over time."""
     if waveforms:
         raise NetworkError(
-            f"inputs: {', '.join(waveforms)} change over time, which OdeBackend.run and "
-            "SpiceBackend.run can follow; give batches, layers and two levels the network at a "
-            "time, network.at_time(0.0)"
+            f"inputs: {', '.join(waveforms)} change over time, which OdeBackend.run, "
+            "OdeBackend.run_batch and SpiceBackend.run can follow; give recurrent steps, layers "
+            "and two levels the network at a time, network.at_time(0.0)"
         )

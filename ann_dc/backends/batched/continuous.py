@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.batched.continuous_code import BEFORE, NUMBERS, WORST, continuous_code
+from ann_dc.backends.batched.continuous_code import BEFORE, NUMBERS, UNTIL, WORST, continuous_code
 from ann_dc.backends.batched.group import (
     NOBODY,
     Ends,
@@ -25,11 +25,13 @@ from ann_dc.backends.batched.memory import (
     DONE,
     LARGEST,
     SINCE,
+    SINCE_TIME,
     STATIONARITY,
     STEP,
     TIME,
     TURN,
 )
+from ann_dc.backends.batched.segments import Driven, drive_now, enter_segment
 from ann_dc.backends.integration.integrator import (
     DIVERGED,
     LEFT_DOMAIN,
@@ -54,9 +56,12 @@ class Integration(NamedTuple):
     first: float  # first trial step
     numbers: np.ndarray  # constants (n,) read by the code
     attempt: int  # address of the code
+    driven: Driven  # inputs over time
 
     @classmethod
-    def of(cls, group: Group, rows: Rows, ends: Ends, steps: dict[str, float]) -> Integration:
+    def of(
+        cls, group: Group, rows: Rows, ends: Ends, steps: dict[str, float], driven: Driven
+    ) -> Integration:
         """Return the integration of a group by the rows of a method's tableau.
 
         ``steps`` contains the limit on network time ``until``, the ``first`` step, ``rtol``,
@@ -69,7 +74,8 @@ class Integration(NamedTuple):
             confirmed=steps["confirmed"],
             first=steps["first"],
             numbers=lined_up([float(constants[name]) for name in NUMBERS]),
-            attempt=continuous_code(rows, len(group.who)),
+            attempt=continuous_code(rows, len(group.who), is_driven=driven.drive != 0),
+            driven=driven,
         )
 
 
@@ -92,15 +98,17 @@ def _code(group, integration, lane):
 
 
 @inlined
-def _begin(group, ends, lane):
-    """Initialise a lane's memory before the first step from the residuals just read."""
+def _enter_residuals(group, ends, lane):
+    """Enter the residuals just read into a lane's memory, before the first step of a segment."""
     memory, width = group.memory, group.who.shape[0]
     constraint, stationarity = group.entry.found[lane], group.entry.found[width + lane]
     memory[CONSTRAINT, lane], memory[STATIONARITY, lane] = constraint, stationarity
     worst = max(constraint, stationarity)
     memory[WORST, lane] = memory[BEST, lane] = worst
-    if worst < ends.tolerance:
-        memory[SINCE, lane] = 0.0
+    if not worst < ends.tolerance:
+        memory[SINCE, lane] = -1.0
+    elif memory[SINCE, lane] < 0.0:
+        memory[SINCE, lane], memory[SINCE_TIME, lane] = memory[DONE, lane], memory[TIME, lane]
 
 
 @inlined
@@ -115,14 +123,16 @@ def _fill(group, samples, found, integration, queue):
         if group.who[lane] == NOBODY and queue[0] < queue[1]:
             begin(group, samples, integration.ends, lane, queue[0])
             group.memory[STEP, lane] = integration.first
+            enter_segment(group, integration.driven, samples, lane, 0)
             queue[0] += 1
             loaded |= 1 << lane
     if loaded:
+        drive_now(group, integration.driven)
         outside = evaluate(group, group.entry.rhs, group.x, 0)
         read_residuals(group, group.x)
     for lane in range(width):
         if (loaded >> lane) & 1:
-            _begin(group, integration.ends, lane)
+            _enter_residuals(group, integration.ends, lane)
             draw(group, found, lane, int(group.memory[DONE, lane]))
             code = LEFT_DOMAIN if (outside >> lane) & 1 else _code(group, integration, lane)
             if code != RUNNING:
@@ -132,23 +142,57 @@ def _fill(group, samples, found, integration, queue):
 
 
 @inlined
-def _check(group, found, integration, bits):
+def _go_on(group, samples, found, integration, moved):
+    """Begin the next segments of some lanes, given as bits; return True if any lane is done.
+
+    Slopes and residuals are evaluated again, since inputs may jump.
+    """
+    driven, over = integration.driven, False
+    for lane in range(group.who.shape[0]):
+        if (moved >> lane) & 1:
+            enter_segment(group, driven, samples, lane, driven.segment[lane] + 1)
+    drive_now(group, driven)
+    outside = evaluate(group, group.entry.rhs, group.x, 0)
+    read_residuals(group, group.x)
+    for lane in range(group.who.shape[0]):
+        if (moved >> lane) & 1:
+            was_settled = group.memory[SINCE, lane] >= 0.0
+            _enter_residuals(group, integration.ends, lane)
+            if group.memory[SINCE, lane] >= 0.0 and not was_settled:
+                found.spans[group.who[lane]] = np.nan  # below the tolerance by the jump alone
+            if (outside >> lane) & 1:
+                close(group, found, lane, LEFT_DOMAIN)
+                over = True
+    return over
+
+
+@inlined
+def _reported(group, found, integration, bits, lane):
+    """Return the code of a sample in a lane that an attempt reports."""
+    width = group.who.shape[0]
+    if (bits >> (2 * width + lane)) & 1:
+        if group.memory[SINCE, lane] == group.memory[DONE, lane]:
+            keep_exit(group, found, lane, group.slopes[BEFORE])
+        return _code(group, integration, lane)
+    return LEFT_DOMAIN if (bits >> (width + lane)) & 1 else TOO_SHORT
+
+
+@inlined
+def _check(group, samples, found, integration, bits):
     """Check the lanes reported by an attempt; return True if any is done."""
-    width, over = group.who.shape[0], False
+    width, over, moved = group.who.shape[0], False, 0
     for lane in range(width):
-        is_accepted = (bits >> (2 * width + lane)) & 1
-        if is_accepted:
+        if (bits >> (2 * width + lane)) & 1:
             draw(group, found, lane, int(group.memory[DONE, lane]))
         if (bits >> lane) & 1:
-            is_outside = (bits >> (width + lane)) & 1
-            code = LEFT_DOMAIN if is_outside else TOO_SHORT
-            if is_accepted:
-                if group.memory[SINCE, lane] == group.memory[DONE, lane]:
-                    keep_exit(group, found, lane, group.slopes[BEFORE])
-                code = _code(group, integration, lane)
+            code = _reported(group, found, integration, bits, lane)
             if code != RUNNING:
                 close(group, found, lane, code)
                 over = True
+            elif group.memory[TIME, lane] >= group.memory[UNTIL, lane]:
+                moved |= 1 << lane
+    if moved:
+        over = _go_on(group, samples, found, integration, moved) or over
     return over
 
 
@@ -163,7 +207,8 @@ def advance_lanes(group, integration, samples, found, queue, attempts):
     places = (
         entry.rhs, entry.residuals, entry.keep, entry.table.ctypes.data, group.x.ctypes.data,
         group.ahead.ctypes.data, group.slopes.ctypes.data, group.memory.ctypes.data,
-        entry.found.ctypes.data, integration.numbers.ctypes.data,
+        entry.found.ctypes.data, integration.numbers.ctypes.data, integration.driven.drive,
+        integration.driven.table.ctypes.data,
     )  # fmt: skip
     sizes = (entry.ghost, group.slopes.shape[1], group.padded)
     is_drawn, every = found.curve_times.shape[1] > 0, (1 << width) - 1
@@ -175,5 +220,5 @@ def advance_lanes(group, integration, samples, found, queue, attempts):
             has_room = waiting == width
         bits = call(integration.attempt, places, sizes)
         if is_drawn or bits & every:
-            has_room = _check(group, found, integration, bits)
+            has_room = _check(group, samples, found, integration, bits)
     return False

@@ -24,9 +24,11 @@ from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module
 
-REFUSED, WORST = OWN, OWN + 1
-"""Memory rows: refusal of the last step; larger residual."""
-ROWS = OWN + 2
+REFUSED, WORST, AT, BEGAN, UNTIL = range(OWN, OWN + 5)
+"""Memory rows: refusal of the last step; larger residual; time of the inputs; last and next
+breakpoint of the inputs.
+"""
+ROWS = OWN + 5
 BEFORE = 1
 """Row of slopes that is free at the end of a step; receives the states before the step if the
 residual of a lane falls below the tolerance.
@@ -35,35 +37,38 @@ NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol"
 """Constants in the order read by the code: see `Ends` and `LaneEnds`; the last is n of a sample."""
 
 
-def continuous_code(rows: Rows, lanes: int) -> int:
+def continuous_code(rows: Rows, lanes: int, *, is_driven: bool) -> int:
     """Return the address of ``attempt``.
 
-    ``attempt(rhs, residuals, keep, table, x, ahead, slopes, memory, found, numbers; ghost, stride,
-    n)`` tries a step of every lane and accepts it in lanes with a small error. It returns bits: W
-    for the lanes that need a check, W for those that left a domain, W for those accepted.
+    ``attempt(rhs, residuals, keep, table, x, ahead, slopes, memory, found, numbers, drive, driven;
+    ghost, stride, n)`` tries a step of every lane and accepts it in lanes with a small error. It
+    returns bits: W for the lanes that need a check, W for those that left a domain, W for those
+    accepted.
 
-    The tableau ``rows`` is written into the code, and ``lanes`` is the vector width W.
+    The tableau ``rows`` is written into the code, and ``lanes`` is the vector width W. With
+    ``is_driven``, inputs are set before every evaluation by ``drive`` of `segments`, and steps end
+    at breakpoints.
     """
     identity = rows.starts.tolist(), rows.which.tolist(), rows.weights.tolist(), rows.exponent
     control = SAFETY, LEAST, MOST, SHRINK, FINEST, SHORTEST
-    key = key_of((*identity, *control, lanes), Path(__file__).parent)
-    return code(key, lambda: _text(rows, lanes), ("attempt",))["attempt"]
+    key = key_of((*identity, *control, lanes, is_driven), Path(__file__).parent)
+    return code(key, lambda: _text(rows, lanes, is_driven), ("attempt",))["attempt"]
 
 
-def _text(rows: Rows, lanes: int) -> str:
+def _text(rows: Rows, lanes: int, is_driven: bool) -> str:
     module = Module()
-    _Attempt(module, rows, lanes).write()
+    _Attempt(module, rows, lanes, is_driven).write()
     return module.text()
 
 
 class _Attempt:
     """Writer of ``attempt``."""
 
-    def __init__(self, module: Module, rows: Rows, lanes: int) -> None:
+    def __init__(self, module: Module, rows: Rows, lanes: int, is_driven: bool) -> None:
         names = "rhs", "residuals", "keep", "table", "x", "ahead", "slopes", "memory", "found"
-        names, sizes = (*names, "numbers"), ("ghost", "stride", "n")
+        names, sizes = (*names, "numbers", "drive", "driven"), ("ghost", "stride", "n")
         f = self.f = Function(module, "attempt", names + sizes, width=lanes, numbers=sizes)
-        self.exponent = rows.exponent
+        self.exponent, self.is_driven = rows.exponent, is_driven
         self.terms = [
             list(zip(rows.which[a:b].tolist(), rows.weights[a:b].tolist()))
             for a, b in zip(rows.starts, rows.starts[1:])
@@ -80,22 +85,48 @@ class _Attempt:
     def write(self) -> None:
         """Write the complete function."""
         f, memory, library = self.f, self.memory, self.library
-        h = memory[STEP] = library.minimum(memory[STEP], self.numbers["until"] - memory[TIME])
+        wanted = memory[STEP]
+        h = memory[STEP] = library.minimum(wanted, self._until() - memory[TIME])
         outside = "0"
         for stage in range(len(self.stages)):
             self._combine(stage, h)
             if stage == len(self.stages) - 1:
                 f.do("call i64 %keep(ptr %table, ptr %ahead, ptr %ahead)")
+            if self.is_driven:
+                self._drive(stage, h)
             places = f"ptr %table, ptr %ahead, ptr {self.slopes[stage + 1]}"
             outside = f.integer("or", outside, f.value(f"call i64 %rhs({places})"))
         sizes = self._squares()
         f.do("call i64 %residuals(ptr %table, ptr %ahead, ptr %found)")
         accepted = self._judge(h, sizes, library.mask(outside))
+        if self.is_driven:  # a step that a breakpoint has cut does not limit the next one
+            is_cut = accepted & (h < wanted)
+            memory[STEP] = library.where(
+                is_cut, library.maximum(memory[STEP], wanted), memory[STEP]
+            )
         over = f.bits((self._enter(accepted, h) | self._too_short(accepted)).name)
         self._accept(accepted)
         for part, bits in enumerate((outside, f.bits(accepted.name)), 1):
             over = f.integer("or", over, f.integer("shl", bits, part * f.width))
         f.done(over)
+
+    # ---- time --------------------------------------------------------------------------------
+
+    def _until(self) -> Vector:
+        """Return the times that no step passes."""
+        return self.memory[UNTIL] if self.is_driven else self.numbers["until"]
+
+    def _ended(self, h: Vector) -> Vector:
+        """Return the times at the ends of the steps."""
+        began, until = self.memory[TIME], self._until()
+        return self.library.where(h.equals(until - began), until, began + h)
+
+    def _drive(self, stage: int, h: Vector) -> None:
+        """Set the inputs to the times of a stage."""
+        share = math.fsum(weight for _, weight in self.stages[stage])
+        is_last = stage == len(self.stages) - 1
+        self.memory[AT] = self._ended(h) if is_last else self.memory[TIME] + share * h
+        self.f.do("call i64 %drive(ptr %driven, ptr %ahead, ptr %memory)")
 
     # ---- states ------------------------------------------------------------------------------
 
@@ -209,9 +240,8 @@ class _Attempt:
         exit.
         """
         f, memory, numbers = self.f, self.memory, self.numbers
-        began, until = memory[TIME], numbers["until"]
-        ended = self.library.where(h.equals(until - began), until, began + h)
-        time = memory.enter(TIME, accepted, ended)
+        began, until = memory[TIME], self._until()
+        time = memory.enter(TIME, accepted, self._ended(h))
         memory.enter(DONE, accepted, memory[DONE] + 1.0)
         worst, size, falls = memory.note(accepted, numbers["tolerance"], began)
         memory.enter(WORST, accepted, worst)

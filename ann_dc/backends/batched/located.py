@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.backends.batched.continuous_code import AT
 from ann_dc.backends.batched.group import (
     NOBODY,
     Group,
@@ -17,7 +18,8 @@ from ann_dc.backends.batched.group import (
     load,
     read_residuals,
 )
-from ann_dc.backends.batched.memory import STEP
+from ann_dc.backends.batched.memory import STEP, TIME
+from ann_dc.backends.batched.segments import Driven, drive, enter_segment
 from ann_dc.backends.integration.between import ROUNDS
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.calls import call
@@ -40,16 +42,19 @@ class Again(NamedTuple):
     logs: np.ndarray  # logarithms (2, W) of the residuals there, over the tolerance
     is_open: np.ndarray  # mask (W,) of lanes that continue
     sides: np.ndarray  # index (W,) of the end that the last evaluation replaced, or -1
+    shares: np.ndarray  # fraction (rows,) of the step of every row but the last
+    driven: Driven  # inputs over time
 
     @classmethod
-    def of(cls, group: Group, rows: Rows) -> Again:
+    def of(cls, group: Group, rows: Rows, driven: Driven) -> Again:
         """Return the record for a group, which must live as long; rows are the method's."""
         width, length, extension = len(group.who), group.slopes.shape[1], rows.extension
         stages, which = len(rows.starts) - 3, rows.which[: rows.starts[-3]]
         weights = np.concatenate([rows.weights[: len(which)], extension.weights])
+        starts = np.concatenate([rows.starts[:stages], len(which) + extension.starts])
         return cls(
             stages=stages,
-            starts=np.concatenate([rows.starts[:stages], len(which) + extension.starts]),
+            starts=starts,
             offsets=np.concatenate([which, extension.which]) * length,
             weights=np.repeat(weights[:, None], width, axis=1),
             powers=extension.powers,
@@ -58,6 +63,8 @@ class Again(NamedTuple):
             logs=np.zeros((2, width)),
             is_open=np.zeros(width, np.bool_),
             sides=np.zeros(width, np.int64),
+            shares=np.add.reduceat(weights, starts[:-1]),
+            driven=driven,
         )
 
 
@@ -65,6 +72,18 @@ class Again(NamedTuple):
 def _keep(group):
     addresses = group.entry.table.ctypes.data, group.ahead.ctypes.data, group.ahead.ctypes.data
     call(group.entry.keep, addresses, ())
+
+
+@inlined
+def _drive(group, again, x, row):
+    """Set the inputs to the times of a row, or of the starts of the steps for row -1."""
+    if again.driven.drive == 0:
+        return
+    is_inside = row == again.starts.shape[0] - 2
+    for lane in range(again.theta.shape[0]):
+        share = again.theta[lane] if is_inside else again.shares[row] if row >= 0 else 0.0
+        group.memory[AT, lane] = group.memory[TIME, lane] + share * group.memory[STEP, lane]
+    drive(group, again.driven, x)
 
 
 @inlined
@@ -85,6 +104,7 @@ def _move(group, again, row):
     call(group.combine, addresses, (last - first, group.padded))
     if row == again.stages - 1 or row == again.starts.shape[0] - 2:
         _keep(group)
+    _drive(group, again, group.ahead, row)
     evaluate(group, group.entry.rhs, group.ahead, row + 1)
 
 
@@ -100,6 +120,7 @@ def _above(group, lane, tolerance):
 def _take(group, again, tolerance):
     """Evaluate all slopes of steps and extension, and the residuals at their ends."""
     ends, logs = again.ends, again.logs
+    _drive(group, again, group.x, -1)
     evaluate(group, group.entry.rhs, group.x, 0)
     read_residuals(group, group.x)
     ends[0], ends[1] = 0.0, 1.0
@@ -166,10 +187,13 @@ def locate_exits(group, again, samples, found, chosen, tolerance):
             sample = chosen[min(first + lane, count - 1)]
             load(group, samples, found.exits[sample], lane, sample)
             group.memory[STEP, lane] = found.spans[sample, 1] - found.spans[sample, 0]
+            group.memory[TIME, lane] = found.spans[sample, 0]
+            number = np.searchsorted(samples.lines.breakpoints, found.spans[sample, 0], "right")
+            enter_segment(group, again.driven, samples, lane, number - 1)
         _take(group, again, tolerance)
         _cross(group, again, tolerance)
         for lane in range(min(width, count - first)):
             sample = chosen[first + lane]
             moved = again.theta[lane] * group.memory[STEP, lane]
             found.times[sample, 1] = found.spans[sample, 0] + moved
-    group.who[:], group.memory[STEP] = NOBODY, 0.0
+    group.who[:], group.memory[STEP], group.memory[TIME] = NOBODY, 0.0, 0.0

@@ -1,17 +1,19 @@
-"""Stepper of a network whose inputs change over time."""
+"""Stepper of a network whose inputs change over time, and states between its steps."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, final
 
 import numpy as np
 
 from ann_dc.backends.integration.drawing import Pieces, take_step, within_limits
-from ann_dc.backends.integration.methods import DOP853, Between, Method
+from ann_dc.backends.integration.methods import DOP853, Between, Known, Method
 from ann_dc.backends.integration.steppers import Stepper, Steps, limited
 from ann_dc.evaluation.drive import Drive, breakpoints
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.network.network import Network
 
 
 class _Piece(NamedTuple):
@@ -30,12 +32,14 @@ class _Piece(NamedTuple):
 class DrivenStepper(Stepper):
     """SciPy solvers from breakpoint to breakpoint of the inputs, between which these are smooth."""
 
-    def __init__(self, drive: Drive, method: Method, duration: float) -> None:
+    def __init__(
+        self, drive: Drive, method: Method, until: float, start: tuple[float, np.ndarray]
+    ) -> None:
         self._drive, self._compiled = drive, drive.evaluator
-        network = self._compiled.network
         self._method = method if method.rows is None else replace(method, solver=DOP853.solver)
-        self.time, self.state = 0.0, network.start_state
-        self._ends = breakpoints(network, duration)[1:].tolist()
+        self.time, self.state = start
+        times = breakpoints(self._compiled.network.waveforms, until)
+        self._ends = times[times > self.time].tolist()
         self._pieces: list[_Piece] = []
         self._lost: np.ndarray | None = None
         self._begin()
@@ -94,3 +98,27 @@ class DrivenStepper(Stepper):
         if is_over and self._ends:
             self._begin()
         return np.array([self.time]), np.array([residuals]), np.array([self.state])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivenAgain:
+    """Function that integrates gaps between known states again, with inputs over time."""
+
+    network: Network
+    method: Method
+
+    def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
+        """Return states (K, n) at rising times between the known ones."""
+        at, states = known
+        drive = Drive(InterpretedEvaluator(self.network))
+        gaps = np.clip(np.searchsorted(at, times, side="right") - 1, 0, len(at) - 2)
+        found = np.empty((len(times), states.shape[1]))
+        with np.errstate(all="ignore"):
+            for gap in np.unique(gaps):
+                start = float(at[gap]), states[gap]
+                stepper = DrivenStepper(drive, self.method, float(at[gap + 1]), start)
+                while not (stepper.at_end or stepper.failed):
+                    stepper.steps(1)
+                chosen = gaps == gap
+                found[chosen] = stepper.between(known, times[chosen])
+        return found

@@ -43,8 +43,10 @@ from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import refusal
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
+from ann_dc.network.inputs import waveform_batch
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
+from ann_dc.network.waveforms import check_constant
 from ann_dc.progress import Progress, Stopped, silent
 from ann_dc.validation import Count, Index, checked
 
@@ -198,6 +200,7 @@ class RecurrentBackend:
         progress: Progress,
     ) -> BatchRun:
         check_order(self.order, network)
+        check_constant(waveform_batch(network, inputs))
         if self._is_plain and refusal(evaluator(network).tape) is None:
             begin = self._begin(network, check)
             return run_lanes(

@@ -280,6 +280,14 @@ class Lanes:
         table[0, :, -1] = rows[:, 0]
         return table
 
+    def ghosted_place(self, stage: int, row: int, table: str) -> int:
+        """Return the place of a row in a table with ghosts, ``x``, ``inputs`` or ``work``.
+
+        Stages begin at -1, before the first cell. A lane must be a sample.
+        """
+        rows = self.neurons if table == "x" else self.tables[table].shape[1]
+        return ((stage + 1) * rows + row) * self.lanes
+
     # ---- states ------------------------------------------------------------------------------
 
     @cached_property
