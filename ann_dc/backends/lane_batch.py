@@ -19,7 +19,6 @@ from ann_dc.backends.batch import BatchCurves, BatchRun
 from ann_dc.backends.batched.group import Ends, Found, Group, Samples, hand_over
 from ann_dc.backends.batched.memory import CONSTRAINT, DONE, STATIONARITY
 from ann_dc.backends.batched.samples import samples_of
-from ann_dc.backends.batched.segments import lines_of
 from ann_dc.backends.integration.integrator import (
     DIVERGED,
     LEFT_DOMAIN,
@@ -37,7 +36,6 @@ from ann_dc.evaluation.codegen.plan import Axis, refusal
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
-from ann_dc.network.waveforms import Waveform
 from ann_dc.progress import Paced, Progress, Stopped
 from ann_dc.resources import cores
 
@@ -97,25 +95,20 @@ def run_lanes(
     curves: int,
     threads: int | None,
     progress: Progress,
-    waveforms: Mapping[str, Waveform] | None = None,
-    duration: float = np.inf,
 ) -> BatchRun:
     """Run one copy of a network for each sample, on all cores by default.
 
-    ``waveforms`` are inputs over time from `waveform_batch`, which need a duration; ``inputs`` has
-    their values at time zero. ``begin`` makes the `Thread` of a thread's lanes. Raises
-    `UnknownNameError` if an input does not exist. Raises `NetworkError` if sizes do not agree, if
-    the numbers do not fit the network, or if no code is generated for the wiring.
+    ``begin`` makes the `Thread` of a thread's lanes. Raises `UnknownNameError` if an input does not
+    exist. Raises `NetworkError` if sizes do not agree, if the numbers do not fit the network, or if
+    no code is generated for the wiring.
     """
-    waveforms = waveforms or {}
     tape = evaluator(network).tape
     if why := refusal(tape):
         raise NetworkError(f"run_batch: no code is generated for this network: {why}")
     if numbers is not None:
         numbers.check(network)
     first = Lanes(tape, Axis.SAMPLES if numbers is None else Axis.VARIANTS)
-    lines = lines_of(network, waveforms, duration)
-    samples, every = samples_of(network, first.plan, inputs, x, numbers, lines)
+    samples, every = samples_of(network, first.plan, inputs, x, numbers)
     count = len(samples.states)
     found = Found.of(samples.states, curves)
     threads = max(min(threads or cores(), count // SMALLEST_SLICE), 1)
@@ -127,7 +120,6 @@ def run_lanes(
     return BatchRun(
         network=network,
         inputs=every,
-        waveforms=waveforms,
         states=found.states,
         outcomes=tuple(OUTCOMES[code] for code in found.codes.tolist()),
         steps=found.steps[:, 0],

@@ -19,7 +19,7 @@ from ann_dc.backends.batched.continuous import Integration, advance_lanes
 from ann_dc.backends.batched.continuous_code import ROWS
 from ann_dc.backends.batched.group import Group
 from ann_dc.backends.batched.located import Again, locate_exits
-from ann_dc.backends.batched.segments import Driven
+from ann_dc.backends.batched.segments import Driven, lines_of
 from ann_dc.backends.integration.drawing import CompiledAgain
 from ann_dc.backends.integration.driven import DrivenAgain, DrivenStepper
 from ann_dc.backends.integration.integrator import Ends
@@ -231,9 +231,11 @@ class OdeBackend:
             "atol": method.atol,
         }
         attempts = attempts_of(network)
+        lines = lines_of(network, waveforms, steps["until"])
 
         def begin(lanes: Lanes) -> Thread:
-            group, driven = Group.of(lanes, rows.slopes, ROWS), Driven.of(lanes, network, waveforms)
+            group = Group.of(lanes, rows.slopes, ROWS)
+            driven = Driven.of(lanes, network, waveforms, lines)
             integration = Integration.of(group, rows, ends, steps, driven)
             again = Again.of(group, rows, driven)
             return Thread(
@@ -244,10 +246,8 @@ class OdeBackend:
 
         settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}
         first = {n: v.at(0.0) if isinstance(v, Waveform) else v for n, v in inputs.items()}
-        batch = run_lanes(
-            network, first, x, begin,
-            numbers=numbers, waveforms=waveforms, duration=steps["until"], **settings,
-        )  # fmt: skip
+        batch = run_lanes(network, first, x, begin, numbers=numbers, **settings)
+        batch = replace(batch, waveforms=waveforms)
         if self.duration is not None:
             batch = batch.completed()
         again = DrivenAgain if waveforms else CompiledAgain

@@ -123,7 +123,7 @@ def _fill(group, samples, found, integration, queue):
         if group.who[lane] == NOBODY and queue[0] < queue[1]:
             begin(group, samples, integration.ends, lane, queue[0])
             group.memory[STEP, lane] = integration.first
-            enter_segment(group, integration.driven, samples, lane, 0)
+            enter_segment(group, integration.driven, lane, 0)
             queue[0] += 1
             loaded |= 1 << lane
     if loaded:
@@ -142,15 +142,15 @@ def _fill(group, samples, found, integration, queue):
 
 
 @inlined
-def _go_on(group, samples, found, integration, moved):
-    """Begin the next segments of some lanes, given as bits; return True if any lane is done.
+def _go_on(group, found, integration, moved):
+    """Enter the next segments of some lanes, given as bits; return True if any lane is done.
 
     Slopes and residuals are evaluated again, since inputs may jump.
     """
     driven, over = integration.driven, False
     for lane in range(group.who.shape[0]):
         if (moved >> lane) & 1:
-            enter_segment(group, driven, samples, lane, driven.segment[lane] + 1)
+            enter_segment(group, driven, lane, driven.segment[lane] + 1)
     drive_now(group, driven)
     outside = evaluate(group, group.entry.rhs, group.x, 0)
     read_residuals(group, group.x)
@@ -178,7 +178,7 @@ def _reported(group, found, integration, bits, lane):
 
 
 @inlined
-def _check(group, samples, found, integration, bits):
+def _check(group, found, integration, bits):
     """Check the lanes reported by an attempt; return True if any is done."""
     width, over, moved = group.who.shape[0], False, 0
     for lane in range(width):
@@ -192,7 +192,7 @@ def _check(group, samples, found, integration, bits):
             elif group.memory[TIME, lane] >= group.memory[UNTIL, lane]:
                 moved |= 1 << lane
     if moved:
-        over = _go_on(group, samples, found, integration, moved) or over
+        over = _go_on(group, found, integration, moved) or over
     return over
 
 
@@ -220,5 +220,5 @@ def advance_lanes(group, integration, samples, found, queue, attempts):
             has_room = waiting == width
         bits = call(integration.attempt, places, sizes)
         if is_drawn or bits & every:
-            has_room = _check(group, samples, found, integration, bits)
+            has_room = _check(group, found, integration, bits)
     return False

@@ -46,14 +46,6 @@ class Ends(NamedTuple):
     headway: float  # required factor of that decrease
 
 
-class Lines(NamedTuple):
-    """Driven values of a batch in network units: straight lines between breakpoints."""
-
-    breakpoints: np.ndarray  # network times (S + 1,), from zero to the duration
-    values: np.ndarray  # values (S, B or 1, D) at the beginning of each segment
-    slopes: np.ndarray  # slopes (S, B or 1, D) of each segment
-
-
 class Samples(NamedTuple):
     """Inputs of B samples, one row per sample."""
 
@@ -66,7 +58,6 @@ class Samples(NamedTuple):
     weights: np.ndarray  # weights (B, E, N) per sample, (1, E, N) for all samples, or empty
     rates: np.ndarray  # rates (B, P, N) per sample, (1, P, N) for all samples, or empty
     nominal: np.ndarray  # rates (P, N) of the network of which all are samples
-    lines: Lines  # inputs over time
 
 
 class Found(NamedTuple):

@@ -188,8 +188,10 @@ def locate_exits(group, again, samples, found, chosen, tolerance):
             load(group, samples, found.exits[sample], lane, sample)
             group.memory[STEP, lane] = found.spans[sample, 1] - found.spans[sample, 0]
             group.memory[TIME, lane] = found.spans[sample, 0]
-            number = np.searchsorted(samples.lines.breakpoints, found.spans[sample, 0], "right")
-            enter_segment(group, again.driven, samples, lane, number - 1)
+            number = np.searchsorted(
+                again.driven.lines.breakpoints, found.spans[sample, 0], "right"
+            )
+            enter_segment(group, again.driven, lane, number - 1)
         _take(group, again, tolerance)
         _cross(group, again, tolerance)
         for lane in range(min(width, count - first)):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ann_dc.backends.batched.group import Lines, Samples
+from ann_dc.backends.batched.group import Samples
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.plan import Plan
 from ann_dc.evaluation.domains import DomainGuard
@@ -26,9 +26,8 @@ def samples_of(
     inputs: Mapping[str, object],
     x: np.ndarray | None,
     numbers: Numbers | None,
-    lines: Lines,
 ) -> tuple[Samples, dict[str, np.ndarray]]:
-    """Return the samples of a network and all their inputs (B, N) at time zero by name.
+    """Return the samples of a network and all their inputs (B, N) by name.
 
     Without an initial guess ``x`` in network units, samples start at the network's start, adapted
     to their boundary conditions. Raises `UnknownNameError` or `NetworkError` if an input does not
@@ -68,7 +67,6 @@ def samples_of(
         weights=np.zeros((0, 0, 0)) if numbers is None else numbers.weights,
         rates=np.zeros((0, 0, 0)) if numbers is None else numbers.rates,
         nominal=plan.tape.rates,
-        lines=lines,
     )
     _enter_sides(network, plan, samples, places)
     return samples, every

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.backends.batched.continuous_code import AT, BEGAN, UNTIL
-from ann_dc.backends.batched.group import Lines
 from ann_dc.backends.batched.memory import TIME, Memory
 from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.code import code, key_of
@@ -25,6 +24,14 @@ from ann_dc.evaluation.drive import breakpoints
 from ann_dc.evaluation.formulas import inlined
 from ann_dc.network.network import Network
 from ann_dc.network.waveforms import Waveform
+
+
+class Lines(NamedTuple):
+    """Driven values of a batch in network units: straight lines between breakpoints."""
+
+    breakpoints: np.ndarray  # network times (S + 1,), from zero to the duration
+    values: np.ndarray  # values (S, B or 1, D) at the beginning of each segment
+    slopes: np.ndarray  # slopes (S, B or 1, D) of each segment
 
 
 def lines_of(network: Network, waveforms: Mapping[str, Waveform], duration: float) -> Lines:
@@ -49,14 +56,17 @@ class Driven(NamedTuple):
 
     drive: int  # address of ``drive``
     table: np.ndarray  # addresses and sizes (6,) that the code reads
-    lines: np.ndarray  # values at the last breakpoint, and slopes (2, D, W)
+    lines: Lines  # driven values of all samples
+    here: np.ndarray  # values at the last breakpoint and slopes (2, D, W) of each lane
     segment: np.ndarray  # number (W,) of the segment of each lane
     places: np.ndarray  # columns and addresses of driven table entries (E, 2)
     pins: np.ndarray  # columns and places of driven values in a state (F, 2)
 
     @classmethod
-    def of(cls, lanes: Lanes, network: Network, waveforms: Mapping[str, Waveform]) -> Driven:
-        """Return the driven values of lanes, which must live as long."""
+    def of(
+        cls, lanes: Lanes, network: Network, waveforms: Mapping[str, Waveform], lines: Lines
+    ) -> Driven:
+        """Return the driven values of lanes, which must live as long; ``lines`` are all samples'."""
         places, pins, columns = [], [], 0
         for name, one in waveforms.items():
             step = int(one.values.shape[2] > 1)
@@ -69,13 +79,14 @@ class Driven(NamedTuple):
                     places.append((column, lanes.tables[table].ctypes.data + 8 * at))
             columns += one.values.shape[2]
         found = [np.array(rows, np.int64).reshape(-1, 2) for rows in (places, pins)]
-        lines = lined_up(np.zeros((2, columns, lanes.lanes)))
-        addresses = [array.ctypes.data for array in (*lines, *found)]
+        here = lined_up(np.zeros((2, columns, lanes.lanes)))
+        addresses = [array.ctypes.data for array in (*here, *found)]
         sizes = [len(rows) for rows in found]
         return cls(
             drive=_drive_code(lanes.lanes) if columns else 0,
             table=np.array([*addresses, *sizes], np.int64),
             lines=lines,
+            here=here,
             segment=np.zeros(lanes.lanes, np.int64),
             places=found[0],
             pins=found[1],
@@ -131,13 +142,13 @@ def _drive_text(lanes: int) -> str:
 
 
 @inlined
-def enter_segment(group, driven, samples, lane, number):
+def enter_segment(group, driven, lane, number):
     """Enter the lines of a segment of a lane's sample."""
-    lines = samples.lines
+    lines = driven.lines
     own = group.who[lane] if lines.values.shape[1] > 1 else 0
-    for i in range(driven.lines.shape[1]):
-        driven.lines[0, i, lane] = lines.values[number, own, i]
-        driven.lines[1, i, lane] = lines.slopes[number, own, i]
+    for i in range(driven.here.shape[1]):
+        driven.here[0, i, lane] = lines.values[number, own, i]
+        driven.here[1, i, lane] = lines.slopes[number, own, i]
     driven.segment[lane] = number
     group.memory[BEGAN, lane] = lines.breakpoints[number]
     group.memory[UNTIL, lane] = lines.breakpoints[number + 1]
