@@ -135,6 +135,8 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
     blocks, drives = _integers(blocks, 4), _integers(drives, 2)
     slots = _slots(blocks, drives, sources, network, len(nodes))
     weights = _rows([e.weight for e in edges], stages)
+    for row in np.flatnonzero(sources[:, 0] == nodes[ONE]):  # a constant, which knows no ends
+        weights[row, _unread(sources[row, 1], stages)] = 0.0
     _check_buses(slots, drives, sources, weights, network)
     tape = Tape(
         blocks=blocks,
@@ -153,6 +155,13 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
         **preconditioner_arrays(network.preconditioner, network.layout),
     )
     return tape, {edge.name: row for row, edge in enumerate(edges)}
+
+
+def _unread(offset: int, stages: int) -> np.ndarray:
+    """Return a mask (N,) of the stages for which a connection has no source."""
+    mask = np.ones(stages, bool)
+    mask[reading(offset, stages)[0]] = False
+    return mask
 
 
 def _integers(rows: list, width: int) -> np.ndarray:

@@ -264,10 +264,6 @@ def test_wires_beyond_neighbours(kind, offset):
     network = Network(cell=cell, stages=4, inputs={"edge": 7.0}, left_boundary={"x": "edge"})
     x, y = np.array([1.0, 2.0, 3.0, 4.0]), np.array([4.0, 5.0, 6.0, 8.0])
     state = network.pack(np.stack([x, y]))
-    if kind is GeneratedEvaluator and abs(offset) > 1:
-        with pytest.raises(NetworkError, match=f"reaches over {abs(offset)} stages"):
-            kind(network)
-        return
     assert_conforms(kind, network, state)
     read = dict(zip(range(4), x)) | {-1: 7.0}
     s = np.array([3 * read.get(k + offset, 0.0) for k in range(4)])
@@ -295,6 +291,15 @@ def test_a_bias_is_one_wherever_it_comes_from(kind, template):
     cell = Cell(neurons=(Neuron(name="x"),), connections=(wire("one", "x", 2.0, template),))
     rhs = kind(Network(cell=cell, stages=3)).rhs(np.zeros(3))
     np.testing.assert_array_equal(rhs, [2.0, 2.0, 2.0])
+
+
+@every_evaluator
+@pytest.mark.parametrize(("offset", "weight"), [(-2, 2.0), (3, 1.0)])
+def test_a_bias_from_beyond_the_ends_does_not_exist(kind, offset, weight):
+    cell = Cell(neurons=(Neuron(name="x"),), connections=(wire("one", "x", weight, offset),))
+    rhs = kind(Network(cell=cell, stages=4)).rhs(np.zeros(4))
+    expected = [-1 <= k + offset <= 4 for k in range(4)]
+    np.testing.assert_array_equal(rhs, weight * np.array(expected))
 
 
 @every_evaluator

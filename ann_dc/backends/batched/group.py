@@ -129,8 +129,8 @@ class Group(NamedTuple):
         return cls(
             entry=entry,
             combine=steps["combine"],
-            inputs=lanes.tables["inputs"],
-            work=lanes.tables["work"],
+            inputs=lanes.near(lanes.tables["inputs"]),
+            work=lanes.near(lanes.tables["work"]),
             sides=lanes.tables["sides"],
             weights=lanes.tables["weights"],
             rates=lanes.tables["rates"],

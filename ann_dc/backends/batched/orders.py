@@ -46,7 +46,7 @@ class Scratch(NamedTuple):
             before=lined_up(np.zeros(lanes.spare)),
             one=np.ones(lanes.lanes),
             none=np.zeros(1, np.int64),
-            reach=lanes.plan.phases,
+            reach=lanes.plan.phases * lanes.plan.far,
         )
 
 

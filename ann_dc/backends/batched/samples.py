@@ -60,7 +60,7 @@ def samples_of(
     samples = Samples(
         states=np.ascontiguousarray(starts),
         pins=np.stack(list(pins.values()), axis=1) if pins else np.zeros((count, 0)),
-        pinned=(places[:, 1] * plan.neurons + places[:, 0]) * plan.axis.lanes,
+        pinned=((places[:, 1] + plan.far - 1) * plan.neurons + places[:, 0]) * plan.axis.lanes,
         inputs=given,
         left=left,
         sides=np.zeros((count, network.stages, len(plan.guarded))),

@@ -66,7 +66,10 @@ class Driven(NamedTuple):
     def of(
         cls, lanes: Lanes, network: Network, waveforms: Mapping[str, Waveform], lines: Lines
     ) -> Driven:
-        """Return the driven values of lanes, which must live as long; ``lines`` are all samples'."""
+        """Return the driven values of lanes, which must live as long.
+
+        The lines are those of all samples, from `lines_of`.
+        """
         places, pins, columns = [], [], 0
         for name, one in waveforms.items():
             step = int(one.values.shape[2] > 1)

@@ -14,20 +14,20 @@ from ann_dc.evaluation.codegen.writer import Function
 class Buses:
     """Shared neurons of a function under construction, whose states are read immediately.
 
-    ``rows`` are those of the shared neurons among the P ``neurons`` of a cell. ``base`` contains
-    the addresses of ``x``, ``rates``, ``drives`` and ``out``, and the offset ``last`` of the first
-    neuron of the last stage in a table of derivatives. ``is_row`` is True if a lane is a stage,
-    ``is_wide`` if rates have one number per lane. ``values`` contains the state of every shared
-    neuron in all lanes.
+    ``rows`` are those of the shared neurons among the neurons of a cell. The ghosts at an end of
+    the states have ``beyond`` neurons. ``base`` contains the addresses of ``x``, ``rates``,
+    ``drives`` and ``out``, and the offset ``last`` of the first neuron of the last stage in a table
+    of derivatives. ``is_row`` is True if a lane is a stage, ``is_wide`` if rates have one number
+    per lane. ``values`` contains the state of every shared neuron in all lanes.
     """
 
     def __init__(
-        self, f: Function, rows: tuple[int, ...], neurons: int, base: dict[str, str], *,
+        self, f: Function, rows: tuple[int, ...], beyond: int, base: dict[str, str], *,
         is_row: bool, is_wide: bool,
     ) -> None:  # fmt: skip
         self.f, self.rows, self.base = f, rows, base
         self.is_row, self.is_wide = is_row, is_wide
-        self.ghost = neurons * f.width
+        self.ghost = beyond * f.width
         self.values = {row: self._at("x", row, self.ghost) for row in rows}
         self.totals: dict[int, str] = {}
 

@@ -1,8 +1,8 @@
 """Cell as straight-line vector code: one function for dx/ds, one for residuals.
 
 Every table consists of *chunks*: one per group of stages if a lane is a stage, one per stage if a
-lane is a sample. States, inputs and stored blocks have a ghost chunk at either end of the row, for
-the values of a neighbour beyond the end. A neighbour is one lane further if a lane is a stage, and
+lane is a sample. States, inputs and stored blocks have ghost chunks at either end of the row, for
+the values of neighbours beyond the end. A neighbour is one lane further if a lane is a stage, and
 one chunk further if a lane is a sample. The two cases differ in nothing else.
 
 Generated code for d drive / dx: straight-line operations of a tape.
@@ -58,7 +58,7 @@ INTEGERS = ("first", "chunks", "last", *PRECONDITIONER_INTEGERS)
 GIVEN = (*INTEGERS, "clamp")
 """Fields that are not addresses of tables: integers, and the called function."""
 _GHOSTED = ("x", "inputs", "work", "slots")
-"""Fields with a ghost chunk at either end."""
+"""Fields with ghost chunks at either end."""
 NAMES = "rhs", "cell", "preconditioner", "projection", "residuals", "keep"
 """Functions of a piece of code."""
 
@@ -83,7 +83,8 @@ def cell_code(plan: Plan) -> str:
     _CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
     roles, is_row = plan.tape.roles.tolist(), plan.axis is Axis.STAGES
-    add_residuals(module, roles, _fields, width=plan.axis.lanes, is_row=is_row)
+    widths = {"width": plan.axis.lanes, "ghosts": plan.ghosts}
+    add_residuals(module, roles, _fields, **widths, is_row=is_row)
     return module.text()
 
 
@@ -120,8 +121,9 @@ class _CellWriter:
         self.f = Function(module, name, ("table", "x", "out"), width=plan.axis.lanes)
         self.base = _fields(self.f) | {"x": "%x", "out": "%out"}
         self.buses = Buses(
-            self.f, plan.shared, plan.neurons, self.base, is_row=self.is_row, is_wide=self.is_wide
-        )
+            self.f, plan.shared, plan.neurons * plan.ghosts, self.base,
+            is_row=self.is_row, is_wide=self.is_wide,
+        )  # fmt: skip
         self.rows = {
             "x": plan.neurons,
             "out": plan.neurons,
@@ -203,7 +205,7 @@ class _CellWriter:
         """Set all table addresses to a chunk of the row."""
         f = self.f
         self.known, self.circular, self.at = {}, {}, {}
-        ghosted = f.integer("add", chunk, 1)
+        ghosted = f.integer("add", chunk, self.plan.ghosts)
         for name, rows in self.rows.items():
             if rows == 0 or (name == "alive" and not self.is_row):
                 continue
@@ -215,7 +217,7 @@ class _CellWriter:
         return self.f.width if self.is_wide or name not in ("weights", "rates", "walls") else 1
 
     def row(self, name: str, row: int, chunks_on: int = 0) -> str:
-        """Return the address of a row at the current chunk, or at a later chunk."""
+        """Return the address of a row at the current chunk, or at another chunk."""
         rows = row + chunks_on * self.rows[name]
         return self.f.address(self.at[name], rows * self._width(name))
 
@@ -250,14 +252,12 @@ class _CellWriter:
 
     def at_neighbour(self, name: str, row: int, offset: int) -> str:
         """Load a row of a ghosted table at the current stages or at those of a neighbour."""
-        f = self.f
-        there = f.load(self.row(name, row, offset))
-        if offset == 0 or not self.is_row:
+        f, w = self.f, self.f.width
+        chunks, lanes = divmod(offset, w) if self.is_row else (offset, 0)
+        there = f.load(self.row(name, row, chunks))
+        if lanes == 0:
             return there
-        own, w = f.load(self.row(name, row)), f.width
-        if offset < 0:
-            return f.shuffle(there, own, range(w - 1, 2 * w - 1))
-        return f.shuffle(own, there, range(1, w + 1))
+        return f.shuffle(there, f.load(self.row(name, row, chunks + 1)), range(lanes, lanes + w))
 
     def _arriving(self, first: int, last: int) -> str:
         """Write the sum of some connections."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from typing import final
 from weakref import WeakKeyDictionary
 
@@ -15,7 +15,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.cell_code import JACOBIAN_NAMES
 from ann_dc.evaluation.codegen.iterations import grown, recur
 from ann_dc.evaluation.codegen.lanes import Lanes
-from ann_dc.evaluation.codegen.plan import Axis, Plan, refusal
+from ann_dc.evaluation.codegen.plan import LONGEST_JACOBIAN, Axis, Plan, refusal
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
@@ -54,11 +54,12 @@ def _lanes(network: Network, tape: Tape) -> Lanes:
 class GeneratedEvaluator(Evaluator):
     """Evaluator with straight-line vector code of the cell for the current processor.
 
-    The values of all nodes are not needed in loops and come from array operations. Within a thread,
-    evaluators of the network's tape use common tables. Use one evaluator per thread. An optional
-    tape replaces the network's tape by other numbers. Every call overwrites the work arrays of
-    ``lanes``, the numbers of the network as the code reads them. Raises `NetworkError` with the
-    reason if no code is generated for the wiring.
+    The values of all nodes are not needed in loops and come from array operations. The derivatives
+    of a large cell come from loops over the tape, since their code compiles too slowly. Within a
+    thread, evaluators of the network's tape use common tables. Use one evaluator per thread. An
+    optional tape replaces the network's tape by other numbers. Every call overwrites the work
+    arrays of ``lanes``, the numbers of the network as the code reads them. Raises `NetworkError`
+    with the reason if no code is generated for the wiring.
 
     Examples
     --------
@@ -88,6 +89,7 @@ class GeneratedEvaluator(Evaluator):
     def renumber(self, tape: Tape) -> None:
         """Replace the tape by another tape of the same network."""
         is_trial, self.tape = self.tape is not evaluator(self.network).tape, tape
+        self.__dict__.pop("_loops", None)
         if is_trial and self.lanes.renumber(tape):
             self._pace()
         else:
@@ -133,6 +135,8 @@ class GeneratedEvaluator(Evaluator):
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
         """Return the entries (nnz,) of d drive / dx; zero at a saturation limit."""
+        if len(self.tape.slots) > LONGEST_JACOBIAN:
+            return self._loops.jacobian_entries(x)
         self._state[self.lanes.inner] = x
         self._call("cell")
         self._call("jacobian")
@@ -140,6 +144,10 @@ class GeneratedEvaluator(Evaluator):
         if self.has_limits:
             entries[self.saturated(x, self.drives(x))[self.tape.entries[:, 0]]] = 0.0
         return entries
+
+    @cached_property
+    def _loops(self) -> InterpretedEvaluator:
+        return InterpretedEvaluator(self.network, self.tape)
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
         """Return (block, stage) of the first block outside its domain, or (-1, -1)."""

@@ -1,7 +1,7 @@
 """Tables of a network as generated code reads them, with conversions of states.
 
 A table contains (chunks, rows, lanes) numbers; `cell_code` defines a chunk. Tables that neighbours
-read have a ghost chunk at either end.
+read have ghost chunks at either end, as many as the farthest connection needs.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Entry(NamedTuple):
     found: np.ndarray
     """Results of ``residuals`` (3 lanes,); the first three for a single network."""
     ghost: int
-    """Numbers of a ghost chunk of a state."""
+    """Numbers of the ghosts at an end of a state."""
     size: int
     """Numbers of a state without ghosts."""
     live: int
@@ -90,6 +90,7 @@ class Lanes:
         self.stages = tape.rates.shape[1]
         self.chunks = -(-self.stages // self.lanes) if axis is Axis.STAGES else self.stages
         self.size = self.chunks * self.neurons * self.lanes
+        self.ghost = self.plan.ghosts * self.neurons * self.lanes
         beyond = self.neurons * self.lanes if self.plan.has_stiffness else self.lanes
         self.reserve, room = (-(-n // 64) * 64 for n in (self.size, beyond))
         """Place behind all cells in a table of derivatives, in whole blocks, that no code reads."""
@@ -134,7 +135,7 @@ class Lanes:
             keep=found["keep"],
             table=self._addresses_of(FIELDS),
             found=lined_up(np.zeros(3 * self.lanes)),
-            ghost=self.neurons * self.lanes,
+            ghost=self.ghost,
             size=self.size,
             live=len(self.tape.places),
         )
@@ -148,7 +149,8 @@ class Lanes:
         """Addresses for d drive / dx; compiles the code if needed."""
         slots, (slot, stage) = slots_of(self.plan), self.tape.entries[:, 2:].T
         found = code(slots.key, lambda: jacobian_code(slots), JACOBIAN_NAMES)
-        self.tables["slots"] = np.zeros((self.chunks + 2) * len(slots.stored) * self.lanes)
+        chunks = self.chunks + 2 * self.plan.ghosts
+        self.tables["slots"] = np.zeros(chunks * len(slots.stored) * self.lanes)
         rows = np.array([slots.used[s] for s in slot.tolist()], np.int64)
         return _JacobianEntry(
             cell=found["cell"],
@@ -226,7 +228,7 @@ class Lanes:
         given = {name: tables[name].ravel() for name in ("drives", "roots") if name in tables}
         if self.plan.axis is Axis.VARIANTS:
             given["rates_of_lanes"] = self.tables["rates"].ravel()
-        state_at = np.where(at < 0, -1, at + self.neurons * self.lanes)
+        state_at = np.where(at < 0, -1, at + self.ghost)
         lanes = 1 if self.plan.axis is Axis.STAGES else self.lanes
         self._clamps = LaneClamps(tape, at, state_at, lanes, given)
         return {"clamps": self._clamps.table, "clamp": np.array(clamp_code().address)}
@@ -273,12 +275,18 @@ class Lanes:
 
     def ghosted(self, rows: np.ndarray) -> np.ndarray:
         """Convert (R, N + 2) to a table with ghosts."""
-        if self.plan.axis is not Axis.STAGES:
-            return np.repeat(np.ascontiguousarray(rows.T)[:, :, None], self.lanes, axis=2)
-        table = np.zeros((self.chunks + 2, len(rows), self.lanes))
-        table[1:-1] = self._inner(rows[:, 1:-1])
-        table[0, :, -1] = rows[:, 0]
+        ghosts = self.plan.ghosts
+        table = np.zeros((self.chunks + 2 * ghosts, len(rows), self.lanes))
+        if self.plan.axis is Axis.STAGES:
+            table[ghosts:-ghosts] = self._inner(rows[:, 1:-1])
+            table[ghosts - 1, :, -1] = rows[:, 0]
+        else:
+            self.near(table)[:] = rows.T[:, :, None]
         return table
+
+    def near(self, table: np.ndarray) -> np.ndarray:
+        """Return the N + 2 chunks of a table with ghosts that have values; a lane is a sample."""
+        return table[self.plan.far - 1 : len(table) - self.plan.far + 1]
 
     def ghosted_place(self, stage: int, row: int, table: str) -> int:
         """Return the place of a row in a table with ghosts, ``x``, ``inputs`` or ``work``.
@@ -286,7 +294,7 @@ class Lanes:
         Stages begin at -1, before the first cell. A lane must be a sample.
         """
         rows = self.neurons if table == "x" else self.tables[table].shape[1]
-        return ((stage + 1) * rows + row) * self.lanes
+        return ((stage + self.plan.far) * rows + row) * self.lanes
 
     # ---- states ------------------------------------------------------------------------------
 
@@ -298,7 +306,7 @@ class Lanes:
     @cached_property
     def inner(self) -> np.ndarray:
         """Places of the state components in a table with ghosts, (n,) or (W, n)."""
-        places = self.components + self.neurons * self.lanes
+        places = self.components + self.ghost
         if self.plan.axis is Axis.STAGES:
             return places
         return places + np.arange(self.lanes)[:, None]

@@ -178,6 +178,8 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
 
 LONGEST = 20_000
 """Blocks and connections of a cell beyond which compilation takes longer than it saves."""
+LONGEST_JACOBIAN = 5_000
+"""Derivatives in a cell beyond which loops compute them: up to 1 ms of compilation for each."""
 WRITTEN_OUT = 128
 """Largest number of neurons under a pyramid that is written out, if a lane is a sample."""
 
@@ -201,9 +203,6 @@ class Axis(enum.Enum):
 
 def refusal(tape: Tape) -> str | None:
     """Return the reason for which code is not generated for a network, or None."""
-    far = np.abs(tape.sources[:, 1]).max(initial=0)
-    if far > 1:
-        return f"a connection reaches over {far} stages, and generated cells read neighbours only"
     if len(tape.blocks) + len(tape.sources) > LONGEST:
         return (
             f"a cell has {len(tape.blocks)} blocks and {len(tape.sources)} connections, "
@@ -233,6 +232,16 @@ class Plan:
     def neurons(self) -> int:
         """Number of neurons P."""
         return len(self.tape.drives)
+
+    @cached_property
+    def far(self) -> int:
+        """Largest number of stages over which a connection reaches, at least 1."""
+        return int(np.abs(self.tape.sources[:, 1]).max(initial=1))
+
+    @property
+    def ghosts(self) -> int:
+        """Number of ghost chunks at either end of a row."""
+        return -(-self.far // self.axis.lanes) if self.axis is Axis.STAGES else self.far
 
     @cached_property
     def one(self) -> int:

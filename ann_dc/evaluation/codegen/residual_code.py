@@ -12,14 +12,14 @@ from ann_dc.evaluation.rules import DUAL, FLOOR, POSITION, SMALLEST_POSITION, ST
 
 def add_residuals(
     module: Module, roles: Sequence[int], fields: Callable[[Function], dict[str, str]], *,
-    width: int, is_row: bool,
+    width: int, ghosts: int, is_row: bool,
 ) -> None:  # fmt: skip
     """Add ``i64 residuals(table, x, out)``: `rules.residuals` and max|x|.
 
     The results are one per lane if a lane is a sample, and one in total if a lane is a stage
     (``is_row``). The roles (P integers) are those of a tape. ``fields`` returns the addresses of
     tables by name as a function reads them; ``chunks`` and ``drives`` are needed. ``width`` is the
-    number of lanes.
+    number of lanes, ``ghosts`` that of the ghost chunks at an end of the states.
     """
     f = Function(module, "residuals", ("table", "x", "out"), width=width)
     base, lanes = fields(f), width
@@ -32,7 +32,7 @@ def add_residuals(
 
     with f.loop(base["chunks"]) as chunk:
         drive_at = f.address(base["drives"], f.integer("mul", chunk, size))
-        x_at = f.address("%x", f.integer("mul", f.integer("add", chunk, 1), size))
+        x_at = f.address("%x", f.integer("mul", f.integer("add", chunk, ghosts), size))
         for row, role in enumerate(roles):
             drive = f.load(f.address(drive_at, row * lanes))
             slot = lost[row % len(lost)]  # what is no number becomes none: one wait for each slot

@@ -23,10 +23,25 @@ def same(found: list, expected: list) -> None:
         np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-11)
 
 
-def test_a_wire_beyond_neighbours_is_interpreted():
+def test_a_wire_beyond_neighbours_is_generated():
     far = Connection(source="x", target="x", template=2)
     network = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=(far,)), stages=4)
-    assert isinstance(fast_evaluator(network), InterpretedEvaluator)
+    assert isinstance(fast_evaluator(network), GeneratedEvaluator)
+
+
+@WIRED
+@pytest.mark.parametrize("rho", [0.3, 1.0])
+def test_derivatives_of_a_large_cell_are_those_of_loops(monkeypatch, wired, rho):
+    network = wired("unicycle")
+    x, tape = near_start(network, 1), tape_with_penalty(network, rho)
+    ours = GeneratedEvaluator(network, tape_with_penalty(network, 7.0))
+    code = ours.jacobian_entries(x)
+    monkeypatch.setattr("ann_dc.evaluation.codegen.evaluator.LONGEST_JACOBIAN", 10)
+    monkeypatch.setattr(ours, "_call", None)
+    np.testing.assert_allclose(ours.jacobian_entries(x), code, rtol=1e-11, atol=1e-11)
+    ours.renumber(tape)
+    expected = InterpretedEvaluator(network, tape).jacobian_entries(x)
+    np.testing.assert_allclose(ours.jacobian_entries(x), expected, rtol=1e-11, atol=1e-11)
 
 
 @WIRED

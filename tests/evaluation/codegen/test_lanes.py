@@ -5,11 +5,13 @@ import ctypes
 import numpy as np
 import pytest
 from designs import near_start, wired_with
+from random_networks import far_wired
 
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.memory import LINE
 from ann_dc.evaluation.codegen.plan import WRITTEN_OUT, Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.preconditioners.base import PreconditionerKind
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
@@ -67,3 +69,17 @@ def test_tables_begin_at_a_line_of_the_cache():
         InterpretedEvaluator(wired_with("car", PreconditionerKind.MULTILEVEL)).tape, Axis.SAMPLES
     )
     assert {table.ctypes.data % LINE for table in lanes.tables.values()} == {0}
+
+
+@pytest.mark.parametrize("axis", [Axis.SAMPLES, Axis.VARIANTS])
+@pytest.mark.parametrize("seed", range(6))
+def test_every_lane_with_far_wires_is_the_reference(axis, seed):
+    network = far_wired(seed)
+    own = evaluator(network)
+    lanes = Lanes(own.tape, axis)
+    noise = np.random.default_rng(seed).standard_normal((lanes.lanes, network.size))
+    states = network.start_state + 0.1 * noise
+    slopes, residuals = of_every_lane(lanes, states)
+    expected = own.rhs(states)
+    np.testing.assert_allclose(slopes, expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(residuals, [own.residuals(x) for x in states], rtol=1e-10)
