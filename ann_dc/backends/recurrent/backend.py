@@ -210,7 +210,7 @@ class RecurrentBackend:
         if numbers is not None:
             raise NetworkError(
                 "numbers: only generated code takes those of every sample; leave out acceleration "
-                "and device"
+                "and device, and use smaller cells"
             )
         from ann_dc.backends.layers import batch_run  # needs torch
 

@@ -89,7 +89,7 @@ class GeneratedEvaluator(Evaluator):
     def renumber(self, tape: Tape) -> None:
         """Replace the tape by another tape of the same network."""
         is_trial, self.tape = self.tape is not evaluator(self.network).tape, tape
-        self.__dict__.pop("_loops", None)
+        vars(self).pop("_loops", None)
         if is_trial and self.lanes.renumber(tape):
             self._pace()
         else:
