@@ -113,7 +113,8 @@ def swings(probe: Trajectory) -> bool:
         return False
     if not probe.network.waveforms:
         return True
-    modes = spectrum(probe.network.at_time(float(probe.time[-1])), probe.final).eigenvalues
+    found = spectrum(probe.network.at_time(float(probe.time[-1])), probe.final)
+    modes = np.asarray(found.eigenvalues)
     return bool((-modes.real < DAMPED * np.abs(modes.imag)).any())
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -48,13 +50,12 @@ def _blocks(axes: Axes, solution: Solution) -> None:
     axes.text(5.5, 5.87, "decompose, synthesise, design gains", va="center", color=GREY)
     for place, k in zip(CELLS, ("0", "k", str(last))):
         box(axes, place, 3.2, f"cell {k}\n$q_{{{k}}}, u_{{{k}}}, \\mu_{{{k}}}$", height=2.2)
-    for left, right in zip(CELLS, CELLS[1:]):
+    for left, right in pairwise(CELLS):
         arrow(axes, (left + 2.0, 4.6), (right, 4.6), BLUE)
         arrow(axes, (right, 3.9), (left + 2.0, 3.9), VERMILION)
-        axes.text((left + right) / 2 + 1.0, 4.7, "$t$", ha="center", va="bottom", color=BLUE)
-        axes.text(
-            (left + right) / 2 + 1.0, 3.75, r"$\beta$", ha="center", va="top", color=VERMILION
-        )
+        middle = (left + right) / 2 + 1.0
+        axes.text(middle, 4.7, "$t$", ha="center", va="bottom", color=BLUE)
+        axes.text(middle, 3.75, r"$\beta$", ha="center", va="top", color=VERMILION)
     axes.text(0.5, 4.3, "$q_0$", ha="center", va="center")
     axes.text(10.1, 4.3, "$q_d$", ha="center", va="center")
     arrow(axes, (5.3, 3.2), (5.3, 2.55), INK)

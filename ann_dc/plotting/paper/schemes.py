@@ -52,9 +52,9 @@ def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> 
     _label(axes, rear - 0.12 * D * (ahead - aside), "(x, y)", INK, ha="right", va="center")
     _label(axes, 0.3 * D * ahead - 0.12 * D * aside, "nu", BLUE, ha="center")
     turning = np.array([np.cos(phi + varphi + 0.3), np.sin(phi + varphi + 0.3)])
-    arrow = {"arrowstyle": "-|>", "color": GREEN, "lw": 1.3, "connectionstyle": "arc3,rad=0.15"}
+    turn = {"arrowstyle": "-|>", "color": GREEN, "lw": 1.3, "connectionstyle": "arc3,rad=0.15"}
     ends = (front + 0.62 * D * turned, front + 0.62 * D * turning)
-    axes.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=arrow)
+    axes.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=turn)
     _label(axes, front + 0.74 * D * turned, "eta: rate of varphi", GREEN, va="bottom")
     _label(axes, 0.62 * D * ahead + 0.08 * D * aside, f"D = {D:g} m", INK, ha="right", va="bottom")
     axes.set_xlim(-0.6 * D, 2.2 * D)
