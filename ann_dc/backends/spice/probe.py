@@ -114,8 +114,8 @@ def swings(probe: Trajectory) -> bool:
     if not probe.network.waveforms:
         return True
     found = spectrum(probe.network.at_time(float(probe.time[-1])), probe.final)
-    modes = np.asarray(found.eigenvalues)
-    return bool((-modes.real < DAMPED * np.abs(modes.imag)).any())
+    modes = found.eigenvalues
+    return bool((-np.real(modes) < DAMPED * np.abs(np.imag(modes))).any())
 
 
 def fastest_rate(probe: Trajectory) -> float:
