@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from each_file import of_every_file
+from rooms import ORDER
 
 import ann_dc
 
@@ -19,27 +20,6 @@ ROOT = Path(ann_dc.__file__).parent
 HOUSE = ROOT.parent
 MODULES = sorted(path for path in ROOT.rglob("*.py"))
 ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
-
-ORDER = (
-    "dataclass_pickling errors jit_cache resources si_prefixes timing",
-    "files jit_functions progress validation",
-    "scale yields",
-    "network",
-    "problem",
-    "decomposition evaluation optimality weights",
-    "analysis synthesis",
-    "gain_design hardware",
-    "backends lowering",
-    "fidelity solution two_level",
-    "diagnosis export families",
-    "navigation solver",
-    "paper study",
-    "plotting",
-    "report",
-    "cli",
-    "__main__",
-)
-"""Rooms of the package, and modules that stand in it: imports go up this list, or stay inside."""
 
 LONGEST_CHAIN = 30
 """Modules of which each imports the next."""
