@@ -7,12 +7,13 @@ run(network). The functions here also accept a problem at each of these steps.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import Annotated, overload
 
 from ann_dc.analysis.objectives import Objective
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.run import Backend, within
+from ann_dc.backends.run import Backend, reporting, within
+from ann_dc.conversion import declare_words
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.decomposition.idle import held
@@ -26,10 +27,10 @@ from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds, PreconditionerKind
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import InitialGuess
+from ann_dc.problem.initial_guess import Guess
 from ann_dc.problem.scales import Scales
 from ann_dc.progress import Deadline, Progress, silent
 from ann_dc.solution.knowledge import knowledge_of
@@ -39,6 +40,17 @@ from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
 from ann_dc.validation import Count, NotEmpty, NotNegative, Own, Positive, checked
 
+
+def _recurrent() -> Backend:
+    from ann_dc.backends.recurrent.backend import RecurrentBackend
+
+    return RecurrentBackend()
+
+
+BACKENDS: dict[str, Callable[[], Backend]] = {"ode": OdeBackend, "recurrent": _recurrent}
+"""Backends with their default settings, by name; loaded at the first use."""
+declare_words(Backend, BACKENDS, lambda make: make())
+
 OF_DESIGN = 0.7
 """Fraction of a time limit that the design may take; the rest is for the run of its network."""
 
@@ -47,13 +59,11 @@ OF_DESIGN = 0.7
 def solve(
     problem: OptimalControlProblem,
     *,
-    form: Form = CORRECTED,
-    initial_guess: InitialGuess | None = None,
+    form: Form | str = CORRECTED,
+    initial_guess: Guess | None = None,
     gains: Gains | Design | None = None,
-    preconditioner: PreconditionerKind
-    | Annotated[Iterable[PreconditionerKind], NotEmpty()]
-    | None = None,
-    backend: Backend | None = None,
+    preconditioner: Annotated[Kinds, NotEmpty()] | None = None,
+    backend: Backend | str | None = None,
     limit: Positive | None = None,
     progress: Progress = silent,
 ) -> Solution:
@@ -63,18 +73,20 @@ def solve(
     ----------
     problem : OptimalControlProblem
         Problem to solve.
-    form : Form
-        `CORRECTED` (default), `PRINTED`, or a `switch` of the printed form. A printed form runs
-        with the gains designed for the corrected form.
-    initial_guess : InitialGuess, optional
-        Initial guess. Default: the straight line from q_0 to q_d.
+    form : Form or str
+        Form or its name ("printed", "S8"): `CORRECTED` (default), `PRINTED`, or a `switch`
+        of the printed form. A printed form runs with the gains designed for the corrected form.
+    initial_guess : InitialGuess, callable or str, optional
+        Initial guess, a function of the problem such as `zero_guess`, or one of "line", "zero" and
+        "random". Default: the straight line from q_0 to q_d.
     gains : Gains or Design, optional
         Manual gains (`manual_gains`), or a `design` with another gain rule or a refinement.
         Default: designed gains.
-    preconditioner : PreconditionerKind or iterable of PreconditionerKind, optional
-        Preconditioner kinds from which the design chooses. Default: those that suit the backend.
-    backend : Backend, optional
-        Default: `OdeBackend`; `RecurrentBackend` for recurrent steps.
+    preconditioner : PreconditionerKind, str, or iterable of these, optional
+        Preconditioner kinds from which the design chooses, or their names ("multilevel").
+        Default: those that suit the backend.
+    backend : Backend or str, optional
+        Default: `OdeBackend`; `RecurrentBackend`, or "recurrent", for recurrent steps.
     limit : float, optional
         Wall-clock limit in seconds. On expiry or at a first Ctrl-C the current state is returned
         with a corresponding status. Default: no limit.
@@ -94,6 +106,8 @@ def solve(
         finite slope there.
     FormError
         If a switch of the form does not apply to this problem, or S16 is used with manual gains.
+    UnknownNameError
+        If a word for a form, kind, guess or backend is unknown; the message lists the known ones.
     SynthesisError
         If the problem has a function without a block.
     DesignError
@@ -112,10 +126,12 @@ def solve(
     >>> solution["x"][2:].round(3).tolist()
     [0.2, 0.5, 0.8, 1.0]
     """
+    assert isinstance(form, Form)
+    assert not isinstance(backend, str)
     problem = held(problem)
     equations = decompose(problem, form)
     network = synthesize(equations, initial_guess=initial_guess)
-    backend = backend or OdeBackend(progress=progress)
+    backend = reporting(backend or OdeBackend(), progress)
     ode = continuous(backend) if form.oracle_gain else None
     with Deadline(progress, float("inf") if limit is None else limit) as deadline:
         prospect = Prospect(problem=problem, progress=deadline)
@@ -153,7 +169,7 @@ def synthesize(
     source: OptimalControlProblem | StageEquations,
     *,
     scales: Scales | None = None,
-    initial_guess: InitialGuess | None = None,
+    initial_guess: Guess | None = None,
     rho: NotNegative = 1.0,
 ) -> Network:
     """Synthesize a network from a problem, or from its stage equations in any form.
@@ -164,8 +180,9 @@ def synthesize(
         A problem is decomposed in the corrected form first.
     scales : Scales, optional
         Scales of states, controls and cost. Default: `scales_of` the problem.
-    initial_guess : InitialGuess, optional
-        Initial guess in the user's units. Default: the straight line.
+    initial_guess : InitialGuess, callable or str, optional
+        Initial guess in the user's units, a function of the problem, or its word. Default: the
+        straight line.
     rho : float
         Proportional gain of every PI multiplier neuron; zero gives the plain Lagrangian. Default 1.
 
@@ -224,7 +241,7 @@ def design(
     source: OptimalControlProblem | Network,
     *,
     ranges: Annotated[Over, Own()] | None = None,
-    preconditioner: PreconditionerKind | Iterable[PreconditionerKind] = ALL_KINDS,
+    preconditioner: Kinds = ALL_KINDS,
     gain_rule: GainRule | None = None,
     refine: Objective | None = None,
     limit: Count = LONGEST_RUN,
@@ -240,8 +257,8 @@ def design(
         Operating range of the network: ranges such as {"q_d.x": (3, 7)}, a list of samples, or a
         function that draws samples (`family_of`). It requires a problem and gain rules that the
         function compares itself.
-    preconditioner : PreconditionerKind or iterable of PreconditionerKind
-        Preconditioner kinds from which to choose. Default: all.
+    preconditioner : PreconditionerKind, str, or iterable of these
+        Preconditioner kinds from which to choose, or their names. Default: all.
     gain_rule : GainRule, optional
         Gain rule that fixes the closed-form factors and the preconditioner kind. Default: the best
         of the known rules.

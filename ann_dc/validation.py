@@ -17,10 +17,8 @@ import collections.abc as abc
 import inspect
 import math
 import numbers
-import types
 import typing
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass, is_dataclass
 from functools import partial, wraps
 from itertools import chain, count, repeat
@@ -29,11 +27,13 @@ from typing import Annotated, Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
+from ann_dc.conversion import UNIONS, adapter, as_array, parts
 from ann_dc.errors import (
     AnnDcError,
     ArgumentError,
     ArgumentTypeError,
     ArgumentValueError,
+    UnknownNameError,
     class_words,
     given_words,
 )
@@ -192,15 +192,6 @@ def _class_check(kind: type) -> Check:
     return _unless(fits, words, wanted=kind)
 
 
-def _as_array(value: Any) -> Any:
-    """Convert lists of numbers to an array; return other values unchanged."""
-    if isinstance(value, (list, tuple)):
-        with suppress(ValueError):  # rows of different lengths
-            array = np.asarray(value)
-            return array if array.dtype.kind in "fiub" else value
-    return value
-
-
 def _is_array(value: Any, kinds: str) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in kinds
 
@@ -231,7 +222,7 @@ _SIMPLE: dict[Any, Check] = {
     bool: _unless(lambda value: isinstance(value, (bool, np.bool_)), "True or False"),
     str: _unless(lambda value: isinstance(value, str), "text"),
     np.ndarray: _unless(
-        lambda value: _is_array(_as_array(value), "fiubc"), "a NumPy array of numbers"
+        lambda value: _is_array(as_array(value), "fiubc"), "a NumPy array of numbers"
     ),
     abc.Callable: _unless(
         lambda value: callable(value) and not isinstance(value, type), "a function"
@@ -348,7 +339,7 @@ def _annotated(inside: tuple) -> Check | None:
 
 
 _GENERICS: dict[Any, Callable[[tuple], Check | None]] = {
-    **dict.fromkeys((typing.Union, types.UnionType), _union),
+    **dict.fromkeys(UNIONS, _union),
     Annotated: _annotated,
     typing.Literal: _literal,
     type: _subclass,
@@ -424,20 +415,29 @@ class _Plan:
         self.more = [repeat(p.name) for p in parameters if p.kind is p.VAR_POSITIONAL]
         self.checks = {name: check_of(hint) for name, hint in hinted.items()}
         self.rest = next((self.checks[p.name] for p in parameters if p.kind is p.VAR_KEYWORD), None)
-        self.adapters = {n: fit for n, hint in hinted.items() if (fit := _adapter(hint))}
-        marks = [(n, m) for n, hint in hinted.items() for _, *marks in _parts(hint) for m in marks]
+        self.adapters = {
+            n: fit for n, hint in hinted.items() if (fit := adapter(n, hint, UnknownNameError))
+        }
+        self.places = [
+            (i, self.adapters[n]) for i, n in enumerate(self.names) if n in self.adapters
+        ]
+        marks = [(n, m) for n, hint in hinted.items() for _, *marks in parts(hint) for m in marks]
         self.shapes = {name: mark for name, mark in marks if isinstance(mark, Shape)}
         words = {word for shape in self.shapes.values() for word, _ in shape.words if "." in word}
         self.references = [(w, w.split(".")[0], attrgetter(w.split(".", 1)[1])) for w in words]
 
     def adapted(self, args: tuple, kwargs: dict[str, Any]) -> tuple:
         """Convert positional arguments, and keyword arguments in place."""
-        placed = dict(zip(self.names, args))
-        for name, fit in self.adapters.items():
-            for given in (placed, kwargs):
-                if name in given:
-                    given[name] = fit(given[name])
-        return (*placed.values(), *args[len(placed) :])
+        for name, value in kwargs.items():
+            if (fit := self.adapters.get(name)) is not None:
+                kwargs[name] = fit(value)
+        if not self.places:
+            return args
+        found = list(args)
+        for place, fit in self.places:
+            if place < len(found):
+                found[place] = fit(found[place])
+        return tuple(found)
 
     def error_of(self, args: tuple, kwargs: dict[str, Any]) -> ArgumentError | None:
         """Return the error of a call, if any: types before values, values before shapes."""
@@ -477,23 +477,3 @@ def _widened(hint: Any, default: Any) -> Any:
     if isinstance(default, float) and default != default:
         return Annotated[hint, OrNan()]
     return hint
-
-
-def _parts(hint: Any) -> list[tuple[Any, ...]]:
-    """Return the alternatives of a hint, each with its markers."""
-    origin, inside = typing.get_origin(hint), typing.get_args(hint)
-    if _GENERICS.get(origin) is _union:
-        return [part for one in inside for part in _parts(one)]
-    return [inside if origin is Annotated else (hint,)]
-
-
-def _adapter(hint: Any) -> Callable[[Any], Any] | None:
-    """Return a conversion: number lists to arrays, lists and iterators to tuples."""
-    origins = {typing.get_origin(kind) or kind for kind, *_ in _parts(hint)}
-    if abc.Iterable in origins:
-        return lambda value: tuple(value) if isinstance(value, abc.Iterator) else value
-    if origins & {abc.Sequence, abc.Collection, list}:
-        return None
-    if tuple in origins:
-        return lambda value: tuple(value) if type(value) is list else value
-    return _as_array if np.ndarray in origins else None

@@ -46,18 +46,17 @@ PROBLEM = ann_dc.plants.double_integrator(N=3)
             "'car'",
         ),
         (
-            lambda: ann_dc.solve(PROBLEM, backend="ode"),
-            "backend: expected a Backend such as ann_dc.OdeBackend(), got the text 'ode'",
+            lambda: ann_dc.solve(PROBLEM, backend=3),
+            "backend: expected a Backend such as ann_dc.OdeBackend() or text, got 3",
         ),
         (
-            lambda: ann_dc.solve(PROBLEM, initial_guess="zero"),
-            "initial_guess: expected an InitialGuess such as ann_dc.interpolated_guess(problem), "
-            "got "
-            "the text 'zero'",
+            lambda: ann_dc.solve(PROBLEM, initial_guess=3),
+            "initial_guess: expected an InitialGuess such as ann_dc.interpolated_guess(problem) or "
+            "a function or text, got 3",
         ),
         (
-            lambda: ann_dc.SpiceBackend(level="macro"),
-            "level: expected a Level such as ann_dc.levels.macro(), got the text 'macro'",
+            lambda: ann_dc.SpiceBackend(level=3),
+            "level: expected a Level such as ann_dc.levels.macro(), got 3",
         ),
         (lambda: ann_dc.OdeBackend(limit=-1), "limit: expected a positive number, got -1"),
         (
@@ -71,7 +70,7 @@ PROBLEM = ann_dc.plants.double_integrator(N=3)
             "pass its .network",
         ),
         (
-            lambda: ann_dc.design(PROBLEM, preconditioner=["grid"]),
+            lambda: ann_dc.design(PROBLEM, preconditioner=[3]),
             "preconditioner[0]: expected one of PreconditionerKind.DIAG",
         ),
         (lambda: ann_dc.SpiceBackend(seed=-1), "seed: expected a whole number, 0 or more, got -1"),

@@ -49,6 +49,7 @@ from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome, Status
+from ann_dc.conversion import OrWord, default
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.codegen.lanes import Lanes
@@ -78,10 +79,10 @@ class OdeBackend:
 
     Attributes
     ----------
-    method : Method
-        Integration method. The default `COMPILED` is the Dormand-Prince pair of order eight in
-        compiled code. SciPy's explicit `DOP853` and `RK45` are alternatives; the implicit `RADAU`,
-        `BDF` and `LSODA` suit stiff networks.
+    method : Method or str
+        Integration method, or its name ("RK45"). The default `COMPILED` is the Dormand-Prince pair
+        of order eight in compiled code. SciPy's explicit `DOP853` and `RK45` are alternatives; the
+        implicit `RADAU`, `BDF` and `LSODA` suit stiff networks.
     cells : Cells
         Evaluation of the cells by a compiled method: interpreted or in generated code. Both agree
         to rounding. By default code is generated if the wiring allows it.
@@ -125,7 +126,7 @@ class OdeBackend:
     (30.0, 'COMPLETED')
     """
 
-    method: Method = COMPILED
+    method: OrWord[Method] = default(COMPILED)
     cells: Cells = Cells.WHERE_POSSIBLE
     settling: Settling = field(default_factory=Settling)
     duration: PositiveFinite | None = None

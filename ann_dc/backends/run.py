@@ -12,7 +12,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import such_as
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
-from ann_dc.progress import Deadline
+from ann_dc.progress import Deadline, Progress, silent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,12 +93,24 @@ class Backend(Protocol):
         ...
 
 
+def reporting(backend: Backend, progress: Progress) -> Backend:
+    """Return the backend with a receiver of progress, if it reports and has none."""
+    if progress is silent or not _reports(backend):
+        return backend
+    record: Any = backend
+    return replace(record, progress=progress) if record.progress is silent else backend
+
+
+def _reports(backend: Backend) -> bool:
+    return is_dataclass(backend) and "progress" in {field.name for field in fields(backend)}
+
+
 def within(backend: Backend, deadline: Deadline) -> Backend:
     """Return the backend with a deadline that ends its runs.
 
     A backend that does not report progress is returned unchanged.
     """
-    if not (is_dataclass(backend) and "progress" in {field.name for field in fields(backend)}):
+    if not _reports(backend):
         return backend
     record: Any = backend
 

@@ -32,6 +32,7 @@ from functools import cached_property
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.batched.step_control import StepLengths as StepLengths
+from ann_dc.conversion import declare_words
 from ann_dc.errors import NetworkError, UnknownNameError, require_positive, such_as
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
@@ -84,7 +85,8 @@ sweep.
 ORDERS = {
     order.name.replace(" ", "-"): order for order in (SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE)
 }
-"""Orders by the words of the command line and of study files."""
+"""Orders by the words of Python, the command line and study files."""
+declare_words(Order, ORDERS)
 
 
 def check_order(order: Order, network: Network) -> None:

@@ -238,15 +238,16 @@ class StageEquations:
 
 @checked
 @phase("stage equations")
-def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEquations:
+def decompose(problem: OptimalControlProblem, form: Form | str = CORRECTED) -> StageEquations:
     """Split a problem into stages and derive their stationarity equations.
 
     Parameters
     ----------
     problem : OptimalControlProblem
         Problem to decompose.
-    form : Form
-        `CORRECTED` by default; `PRINTED` or a `switch` shows the effect of the paper's errata.
+    form : Form or str
+        Form or its name in `FORMS` ("printed", "S8"); `CORRECTED` by default. `PRINTED` or a
+        `switch` shows the effect of the paper's errata.
 
     Returns
     -------
@@ -269,6 +270,7 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
     >>> decompose(problem).grad_u[0].expression
     a + mu_x
     """
+    assert isinstance(form, Form)
     _check_ends(problem, form)
     stage = _Stage(problem, form)
     terminal_cost = problem.l_N.xreplace(dict(zip(problem.states, stage.t)))

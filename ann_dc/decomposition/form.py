@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
+from ann_dc.conversion import declare_words
 from ann_dc.errors import UnknownNameError, such_as
 from ann_dc.validation import checked
 
@@ -203,7 +204,8 @@ FORMS: dict[str, Form] = {
     "printed-example": PRINTED_EXAMPLE,
     **SWITCHES,
 }
-"""Forms by their names on the command line and in studies."""
+"""Forms by their names in Python, on the command line and in studies."""
+declare_words(Form, FORMS)
 
 
 @checked

@@ -15,7 +15,7 @@ A fraction is reported with its Clopper-Pearson interval, and a failed sample wi
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Annotated
@@ -35,7 +35,7 @@ from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.gain_design.trial_run import ELSEWHERE, Pace, distance
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind, several
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds, PreconditionerKind, several
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
@@ -270,7 +270,7 @@ def design_family(
     problem: OptimalControlProblem,
     ranges: Annotated[Over, Own()],
     *,
-    preconditioner: PreconditionerKind | Iterable[PreconditionerKind] = ALL_KINDS,
+    preconditioner: Kinds = ALL_KINDS,
     held_out: int = HELD_OUT,
     seed: int = 0,
     progress: Progress = silent,
@@ -283,7 +283,7 @@ def design_family(
         Problem whose inputs count as one sample; they set the scales of the network.
     ranges : Over
         Operating range; see `family_of`.
-    preconditioner : PreconditionerKind or iterable of PreconditionerKind
+    preconditioner : PreconditionerKind, str, or iterable of these
         Preconditioner kinds to choose from. Default: all.
     held_out : int
         Number of inputs in the validation. Default 1000.

@@ -14,7 +14,7 @@ of all objectives, since one objective alone may leave controls undetermined.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -27,7 +27,7 @@ from ann_dc.errors import ProblemError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.procedure import Design
-from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.base import Kinds, PreconditionerKind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import interpolated_guess
@@ -113,8 +113,7 @@ def pareto(
     problem: OptimalControlProblem,
     points: Annotated[int | Sequence | np.ndarray, Own()] = 21,
     *,
-    preconditioner: PreconditionerKind
-    | Annotated[Iterable[PreconditionerKind], NotEmpty()] = KINDS,
+    preconditioner: Annotated[Kinds, NotEmpty()] = KINDS,
     progress: Progress = silent,
 ) -> Front:
     """Compute the Pareto front with one network and a batch of weights.
@@ -128,7 +127,7 @@ def pareto(
     points : int or (B, p) array
         Number of evenly distributed directions, or the positive weights, one row per point. Default
         21.
-    preconditioner : PreconditionerKind or iterable of PreconditionerKind
+    preconditioner : PreconditionerKind, str, or iterable of these
         Preconditioner kinds from which designs choose. Default: `KINDS`.
     progress : Progress
         Receives one line per step. Default: silent.

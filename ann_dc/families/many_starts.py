@@ -10,7 +10,7 @@ the problem alone and separated by objective and controls.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -29,7 +29,7 @@ from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.base import Kinds, PreconditionerKind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -231,9 +231,7 @@ def multistart(
     starts: Annotated[int | Sequence[InitialGuess], Own()] = 64,
     *,
     seed: Annotated[int, Own()] = 0,
-    preconditioner: PreconditionerKind
-    | Annotated[Iterable[PreconditionerKind], NotEmpty()]
-    | None = None,
+    preconditioner: Annotated[Kinds, NotEmpty()] | None = None,
     backend: RecurrentBackend | None = None,
     progress: Progress = silent,
 ) -> Multistart:
@@ -248,7 +246,7 @@ def multistart(
         from the first. Default 64.
     seed : int
         Seed of the generated guesses. Default 0.
-    preconditioner : PreconditionerKind or iterable of PreconditionerKind, optional
+    preconditioner : PreconditionerKind, str, or iterable of these, optional
         Preconditioner kinds from which the design chooses. Default: those that suit the backend,
         without those derived from one optimum (`NEAR_ONE_OPTIMUM`).
     backend : RecurrentBackend, optional

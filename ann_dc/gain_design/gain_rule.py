@@ -57,6 +57,7 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
+from ann_dc.conversion import OrWord, default
 from ann_dc.errors import DesignError, UnknownNameError, require_positive, such_as
 from ann_dc.gain_design.coarse_gains import active_weights, diode_weights, pyramid
 from ann_dc.gain_design.gains import Gains, row_with
@@ -181,7 +182,7 @@ class GainRule:
         f of q, u and t.
     coarse : float
         gamma of a multilevel preconditioner.
-    kind : PreconditionerKind
+    kind : PreconditionerKind or str
         Preconditioner kind: diagonal or multilevel here, resistive grid or cyclic reduction in
         `grid_gains`.
     equilibration_sweeps : int
@@ -221,7 +222,7 @@ class GainRule:
     control: float = 1.2
     target: float = 1.2
     coarse: float = 0.5
-    kind: PreconditionerKind = PreconditionerKind.MULTILEVEL
+    kind: OrWord[PreconditionerKind] = default(PreconditionerKind.MULTILEVEL)
     equilibration_sweeps: Annotated[int, Own()] = 0
     by_reachability: bool = False
     path_weight: float = 0.3

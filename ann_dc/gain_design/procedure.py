@@ -14,7 +14,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -176,7 +176,7 @@ def _ending(first: ScheduledRun) -> str:
 def design(
     network: Network,
     *,
-    preconditioner: PreconditionerKind | Annotated[Iterable[PreconditionerKind], Own()] = ALL_KINDS,
+    preconditioner: Annotated[Kinds, Own()] = ALL_KINDS,
     gain_rule: GainRule | None = None,
     refine: Objective | None = None,
     limit: int = LONGEST_RUN,

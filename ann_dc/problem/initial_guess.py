@@ -5,12 +5,15 @@ An initial guess is in the user's units. Values that are not given (the multipli
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from functools import partial
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from ann_dc.errors import ProblemError, such_as
+from ann_dc.conversion import declare_words, of_word
+from ann_dc.errors import ProblemError, UnknownNameError, such_as
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.domain import culprit, terms
 from ann_dc.problem.scales import straight_line
@@ -148,6 +151,27 @@ def random_guess(problem: OptimalControlProblem, rng: np.random.Generator | Inde
     q[:, -1] = np.where(problem.fixed, line.q[:, -1], q[:, -1])
     push = LEAST_SPREAD * line.scales.control_factors[:, None]
     return InitialGuess(q=q, u=line.u + push * rng.standard_normal(line.u.shape))
+
+
+GUESSES: dict[str, Callable[[OptimalControlProblem], InitialGuess]] = {
+    "line": interpolated_guess,
+    "zero": zero_guess,
+    "random": partial(random_guess, rng=0),
+}
+"""Functions of a problem that return its initial guess, by the words of the command line."""
+declare_words(InitialGuess, GUESSES)
+
+Guess: TypeAlias = InitialGuess | Callable[[OptimalControlProblem], InitialGuess] | str
+"""Initial guess, a function that returns the guess for a problem, or its word in `GUESSES`."""
+
+
+def guess_of(problem: OptimalControlProblem, guess: Guess | None) -> InitialGuess:
+    """Return the initial guess for a problem; the straight line for None."""
+    if isinstance(guess, str):
+        return of_word(InitialGuess, "initial_guess", guess, UnknownNameError)(problem)
+    if isinstance(guess, InitialGuess):
+        return guess
+    return interpolated_guess(problem) if guess is None else guess(problem)
 
 
 def check_start(problem: OptimalControlProblem, start: InitialGuess) -> None:

@@ -21,7 +21,7 @@ from ann_dc.decomposition.equations import StageEquations, Stationarity, active
 from ann_dc.network.cell import Cell, Connection, Template
 from ann_dc.network.duals import PIDual
 from ann_dc.network.network import Network
-from ann_dc.problem.initial_guess import InitialGuess, check_start, interpolated_guess
+from ann_dc.problem.initial_guess import Guess, check_start, guess_of
 from ann_dc.problem.scales import Scales, scales_of
 from ann_dc.scale import Scale
 from ann_dc.synthesis.adjoint import gradient
@@ -55,7 +55,7 @@ def synthesize(
     equations: StageEquations,
     *,
     scales: Scales | None = None,
-    initial_guess: InitialGuess | None = None,
+    initial_guess: Guess | None = None,
     rho: float = 1.0,
 ) -> Network:
     """Return the network that realises stage equations of any form.
@@ -68,8 +68,9 @@ def synthesize(
     ----------
     scales : Scales, optional
         Scales of states, controls and cost; `scales_of(problem)` by default.
-    initial_guess : InitialGuess, optional
-        Initial guess in the user's units; the straight line by default.
+    initial_guess : InitialGuess, callable or str, optional
+        Initial guess in the user's units, a function of the problem, or a word of `GUESSES`;
+        the straight line by default.
     rho : float
         Weight of the proportional path of every PI multiplier neuron, zero for the plain
         Lagrangian; chosen by `design`.
@@ -89,13 +90,13 @@ def synthesize(
     problem = equations.problem
     rows = (*equations.rows, *equations.end_rows)
     check_functions(*problem.f, problem.l, problem.l_N, *(row.expression for row in rows))
-    initial_guess = initial_guess or interpolated_guess(problem)
-    check_start(problem, initial_guess)
+    guess = guess_of(problem, initial_guess)
+    check_start(problem, guess)
     scales = scales or scales_of(problem)
-    cell = _CellWiring(equations, scales, row_scales(equations, scales, initial_guess), rho).cell()
+    cell = _CellWiring(equations, scales, row_scales(equations, scales, guess), rho).cell()
     network = row_of(cell, equations, scales)
-    measured = problem.objective_values(initial_guess.q, initial_guess.u).tolist()
-    return network.with_start(start_values(network, initial_guess, measured))
+    measured = problem.objective_values(guess.q, guess.u).tolist()
+    return network.with_start(start_values(network, guess, measured))
 
 
 def _in_user_units(signal: Signal, scale: Scale) -> Signal:

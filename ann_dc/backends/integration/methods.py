@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
+from ann_dc.conversion import declare_words
 from ann_dc.errors import ArgumentTypeError, given_words, such_as
 from ann_dc.validation import PositiveFinite, checked
 
@@ -99,4 +100,5 @@ BDF = Method(solver="BDF", implicit=True)
 LSODA = Method(solver="LSODA", implicit=True)
 
 METHODS = {m.name: m for m in (COMPILED, RK23, RK45, DOP853, RADAU, BDF, LSODA)}
-"""Methods by name for the command line: the compiled method and SciPy's."""
+"""Methods by name for Python and the command line: the compiled method and SciPy's."""
+declare_words(Method, METHODS)

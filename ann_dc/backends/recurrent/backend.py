@@ -37,6 +37,7 @@ from ann_dc.backends.step_rules import (
     lengths_of,
 )
 from ann_dc.backends.trajectory import SAMPLES
+from ann_dc.conversion import OrWord, default
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.codegen.lanes import Lanes
@@ -72,8 +73,9 @@ class RecurrentBackend:
 
     Attributes
     ----------
-    order : Order
-        Update order: `SIMULTANEOUS` (default), `TWO_PHASE` or `STAGE_BY_STAGE`.
+    order : Order or str
+        Update order, or its name such as "two-phase": `SIMULTANEOUS` (default),
+        `TWO_PHASE` or `STAGE_BY_STAGE`.
     step : StepRule or None
         Step rule, as in `RecurrentLayer`.
     acceleration : Anderson or None
@@ -111,7 +113,7 @@ class RecurrentBackend:
     Paper equations (16), (17), corrected.
     """
 
-    order: Order = SIMULTANEOUS
+    order: OrWord[Order] = default(SIMULTANEOUS)
     step: StepRule | None = None
     acceleration: Anderson | None = None
     settling: Settling = field(default_factory=Settling)

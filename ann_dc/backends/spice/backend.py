@@ -31,6 +31,7 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.backends.spice.probe import fastest_rate, moments, probed, span_of, swings
 from ann_dc.backends.trajectory import Trajectory
+from ann_dc.conversion import OrWord, default
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, rounded_to_series
@@ -40,6 +41,7 @@ from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.foundry import passive
+from ann_dc.hardware.parts.level_words import LevelWord as LevelWord
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.hardware.schematic.buildable import check_buildable
 from ann_dc.hardware.schematic.schematic import schematic_of
@@ -65,17 +67,18 @@ class SpiceBackend:
 
     Attributes
     ----------
-    level : Level
-        Circuit model, parts and operating conditions; by default `BEHAVIOURAL`.
+    level : Level or str
+        Circuit model, parts and operating conditions, or the word of a level ("macro"); by
+        default `BEHAVIOURAL`.
     simulation : Simulation, optional
         Simulation settings; by default those suited to the level.
     simulator : Ngspice, optional
         Simulator; by default one with the time limit of the simulation.
     seed : int or None, default None
         Seed of part errors drawn from the level's tolerances; None for nominal parts.
-    series : Series
-        Series of resistor values, and of capacitors with them; by default exact values. Drawn
-        errors are added to the series rounding.
+    series : Series or str
+        Series of resistor values, or its name ("E96"), and of capacitors with them; by default
+        exact values. Drawn errors are added to the series rounding.
     headroom : float, default `HEADROOM`
         Full scale relative to the largest value of the probe run, at least 1; see `scale`.
     bandwidth_margin : float, optional
@@ -114,11 +117,11 @@ class SpiceBackend:
     True
     """
 
-    level: Level = BEHAVIOURAL
+    level: OrWord[Level] = default(BEHAVIOURAL)
     simulation: Simulation | None = None
     simulator: Ngspice | None = None
     seed: Index | None = None
-    series: Series = EXACT
+    series: OrWord[Series] = default(EXACT)
     headroom: Headroom = HEADROOM
     bandwidth_margin: PositiveFinite | None = None
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)

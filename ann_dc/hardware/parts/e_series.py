@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.conversion import declare_words
 from ann_dc.validation import checked
 
 _E24 = (
@@ -90,3 +91,4 @@ E24_PAIRS = Series(name="E24 pairs", mantissas=_E24, pairs=True)
 E96_PAIRS = Series(name="E96 pairs", mantissas=_preferred(96), pairs=True)
 
 SERIES = {series.name: series for series in (EXACT, E12, E24, E96, E24_PAIRS, E96_PAIRS)}
+declare_words(Series, SERIES)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ann_dc.analysis.spectra import stability_limit
+from ann_dc.conversion import declare_words
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.foundry import SKY130
@@ -71,7 +72,15 @@ def level_words() -> dict[str, LevelWord]:
     }
 
 
-def _switched(network: Network, *, a0: float = 1e6, **op_amps: float) -> Level:
+declare_words(Level, level_words, LevelWord.made)
+
+
+def _switched(network: Network | None, *, a0: float = 1e6, **op_amps: float) -> Level:
+    if network is None:
+        raise NetworkError(
+            "level: expected another than switched-capacitor, whose clock is taken from a network; "
+            "use ann_dc.levels.switched_capacitor(step=...)"
+        )
     step = STEP * stability_limit(network, network.start_state)
     if not step > 0:
         raise NetworkError(

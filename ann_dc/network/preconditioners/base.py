@@ -19,13 +19,16 @@ import enum
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
 from scipy import sparse
+
+from ann_dc.conversion import declare_words, of_word
+from ann_dc.errors import UnknownNameError
 
 
 class PreconditionerKind(enum.Enum):
@@ -49,24 +52,27 @@ class PreconditionerKind(enum.Enum):
         return self in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
 
 
-Kinds: TypeAlias = "PreconditionerKind | Iterable[PreconditionerKind]"
-"""One preconditioner kind or several."""
+Kinds: TypeAlias = PreconditionerKind | str | Iterable[PreconditionerKind | str]
+"""One preconditioner kind or several, also by their words (`KINDS`)."""
 
 ALL_KINDS = tuple(PreconditionerKind)
 """Kinds that the integration of the equations supports; hardware may support fewer."""
 KINDS = {kind.value.replace(" ", "-"): kind for kind in PreconditionerKind}
-"""Kinds by the words of the command line and of study files."""
+"""Kinds by the words of Python, the command line and study files."""
+declare_words(PreconditionerKind, KINDS)
 
 
 def several(kinds: Kinds) -> tuple[PreconditionerKind, ...]:
-    """Return one kind or several as a tuple.
+    """Return one kind or several as a tuple; words are converted.
 
     Examples
     --------
-    >>> several(PreconditionerKind.DIAGONAL)
+    >>> several("diagonal")
     (<PreconditionerKind.DIAGONAL: 'diagonal'>,)
     """
-    return (kinds,) if isinstance(kinds, PreconditionerKind) else tuple(kinds)
+    given = (kinds,) if isinstance(kinds, (PreconditionerKind, str)) else kinds
+    of = partial(of_word, PreconditionerKind, "preconditioner", error=UnknownNameError)
+    return tuple(of(kind) if isinstance(kind, str) else kind for kind in given)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
