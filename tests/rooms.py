@@ -15,7 +15,7 @@ import ann_dc
 PACKAGE = Path(ann_dc.__file__).parent
 README = PACKAGE / "README.md"
 ORDER = (
-    "conversion dataclass_pickling errors jit_cache resources si_prefixes timing",
+    "conversion dataclass_pickling errors jit_cache resources si_prefixes summaries timing",
     "files jit_functions progress validation",
     "scale yields",
     "network",

@@ -13,8 +13,17 @@ from ann_dc.errors import such_as
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Deadline, Progress, silent
+from ann_dc.summaries import summarised
 
 
+@summarised(
+    lambda self: {
+        "status": self.status,
+        "settling time": f"{self.settling_time:.4g}",
+        "steps": self.steps,
+        "evaluations": self.evaluations,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
     """Result of one run of a network on a backend.

@@ -37,6 +37,7 @@ from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds, PreconditionerKind, several
 from ann_dc.progress import Progress, Stopped, silent
+from ann_dc.summaries import summarised
 from ann_dc.timing import phase
 from ann_dc.validation import Own, checked
 
@@ -45,6 +46,14 @@ _ALTERNATIVES = 2
 
 
 @such_as("ann_dc.design(problem)")
+@summarised(
+    lambda self: {
+        "network": self.network.title,
+        "preconditioner": self.best.kind.value,
+        "settled": "yes" if self.settled else "no",
+        "stiffness ratio": f"{self.best.ratio:.4g}",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Design:
     """Designed gains of a network, with the reasons for their choice.

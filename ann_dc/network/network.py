@@ -42,6 +42,7 @@ from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.waveforms import Waveform
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
+from ann_dc.summaries import summarised
 from ann_dc.validation import Finite, OrNan, Shape, checked
 
 # ---- what a network is wired of, as a table of text: in one cell, and in all of them
@@ -96,6 +97,14 @@ COORDINATION = ("t", "beta")
 
 @such_as("ann_dc.design(problem).network")
 @checked
+@summarised(
+    lambda self: {
+        "title": self.title,
+        "neurons": self.size,
+        "stages": self.stages,
+        "preconditioner": self.preconditioner.kind.value,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Network(Record):
     """Array of N equal cells.

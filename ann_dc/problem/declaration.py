@@ -59,6 +59,7 @@ from ann_dc.problem.soft import Softness, soft_of
 from ann_dc.problem.step_length import HandedOn, StepLength, step_length
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
+from ann_dc.summaries import summarised
 from ann_dc.validation import checked
 
 HOLD = "hold_{}"
@@ -68,6 +69,14 @@ HOLD = "hold_{}"
 
 
 @such_as("ann_dc.plants.car()")
+@summarised(
+    lambda self: {
+        "name": self.name,
+        "states": ", ".join(map(str, self.states)),
+        "controls": ", ".join(map(str, self.controls)),
+        "stages": self.horizon,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OptimalControlProblem(Record):
     """Discrete-time optimal-control problem in the user's symbols.

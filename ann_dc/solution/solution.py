@@ -27,12 +27,23 @@ from ann_dc.problem.serialisation import written
 from ann_dc.problem.step_length import StepLength, mean_length, stage_times
 from ann_dc.si_prefixes import lasting
 from ann_dc.solution.saved_result import save_result
+from ann_dc.summaries import summarised
 from ann_dc.timing import phase
 from ann_dc.validation import checked
 
 
 @such_as("ann_dc.solve(problem)")
 @checked
+@summarised(
+    lambda self: {
+        "problem": self.problem.name,
+        "status": self.status,
+        "cost": f"{self.objective:.6g}",
+        "settling time": f"{self.settling_time:.4g}",
+        "KKT residual": f"{self.kkt_residual:.1e}",
+        "certified": f"{'yes' if self.certified else 'no'} ({self.verdict})",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution(Record):
     """Result of a network run for an optimal-control problem.

@@ -16,6 +16,7 @@ from ann_dc.study.records import FAILED, LOST, OUTCOME, POINT, TIMED_OUT, Row, V
 from ann_dc.study.store import Store
 from ann_dc.study.table_export import write_parquet
 from ann_dc.study.yield_metrics import yield_of
+from ann_dc.summaries import summarised
 from ann_dc.validation import checked
 from ann_dc.yields import Limit, Yield
 
@@ -26,6 +27,13 @@ NO_RESULT = (FAILED, TIMED_OUT, LOST)
 
 
 @checked
+@summarised(
+    lambda self: {
+        "rows": len(self),
+        "columns": ", ".join(self.columns),
+        **({"stopped": self.stopped} if self.stopped else {}),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
     """Records of a study in the order of its cases.

@@ -49,6 +49,7 @@ from ann_dc.hardware.sizing.bandwidth_margin import Sizing, cure, sized_circuit
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, silent
+from ann_dc.summaries import summarised
 from ann_dc.validation import Index, PositiveFinite, Range, checked
 
 NODE_LAG = 1e-3
@@ -61,6 +62,13 @@ Headroom: TypeAlias = Annotated[float, Range(words="a number, 1 or more", low=1.
 
 
 @checked
+@summarised(
+    lambda self: {
+        "level": self.level.name,
+        "series": self.series.name,
+        "seed": self.seed,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpiceBackend:
     """Backend that runs networks as circuits in ngspice.

@@ -38,6 +38,7 @@ from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
 from ann_dc.network.network import Network
+from ann_dc.summaries import summarised
 from ann_dc.validation import checked
 
 OVERLOAD = 0.95
@@ -77,6 +78,13 @@ class Overload:
 
 
 @such_as("ann_dc.SpiceBackend().run(network)")
+@summarised(
+    lambda self: {
+        "circuit": self.circuit.schematic.network.title,
+        "control error relative to the ODE": f"{self.control_error:.2e}",
+        "overloads": len(self.overloads),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitRun(Tabulated):
     """Run of a circuit.

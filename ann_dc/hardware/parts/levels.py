@@ -31,11 +31,19 @@ from ann_dc.hardware.parts.technologies import (
 )
 from ann_dc.hardware.parts.transistors import transistor_sheet
 from ann_dc.network.preconditioners import base as contract
+from ann_dc.summaries import summarised
 from ann_dc.validation import FloatOrNan, PositiveFinite, checked
 
 
 @such_as("ann_dc.levels.macro()")
 @checked
+@summarised(
+    lambda self: {
+        "name": self.name,
+        "models": self.models,
+        "technology": type(self.technology).__name__,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Level:
     """Model level of a circuit.

@@ -1,0 +1,73 @@
+"""Short representations of the records that a session shows."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import ann_dc
+from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.study.table import Table
+from ann_dc.summaries import LONGEST, summarised
+
+PROBLEM = ann_dc.plants.double_integrator(N=3)
+
+COLUMNS = {"neurons": np.ones(4), "outcome": np.full(4, "settled")}
+
+
+@cache
+def solution():
+    return ann_dc.solve(PROBLEM)
+
+
+RECORDS = {
+    "problem": (lambda: PROBLEM, ("states: x, v", "controls: a", "stages: 3")),
+    "solution": (solution, ("status: settled", "cost: ", "KKT residual: ", "certified: yes")),
+    "design": (lambda: solution().design, ("settled: yes", "preconditioner: ")),
+    "network": (
+        lambda: solution().network,
+        ("title: double_integrator", "preconditioner: ", "stages: 3"),
+    ),
+    "run": (lambda: solution().run, ("status: settled", "settling time: ", "steps: ")),
+    "table": (
+        lambda: Table(columns={"neurons": np.ones(4), "outcome": np.full(4, "settled")}, spec={}),
+        ("rows: 4", "neurons"),
+    ),
+    "level": (ann_dc.levels.macro, ("name: macro", "models: macro")),
+    "circuits": (lambda: ann_dc.SpiceBackend(level="macro"), ("level: macro", "series: exact")),
+}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_representation_is_one_short_line_with_the_result(name):
+    make, expected = RECORDS[name]
+    text = repr(make())
+    assert "\n" not in text
+    assert len(text) < 500
+    assert [part for part in expected if part not in text] == []
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_notebook_table_has_a_row_for_every_value(name):
+    make, expected = RECORDS[name]
+    text = make()._repr_html_()
+    assert text.startswith("<table>")
+    assert [part for part in expected if part.partition(":")[0] not in text] == []
+
+
+def test_notebook_table_escapes_text():
+    problem = replace(PROBLEM, name="<b>&")
+    assert "&lt;b&gt;&amp;" in problem._repr_html_()
+    assert "<b>" not in problem._repr_html_()
+
+
+def test_long_values_are_cut():
+    @summarised(lambda self: {"value": "x" * 1000})
+    class Long: ...
+
+    assert len(repr(Long())) < LONGEST + 20
+
+
+def test_circuit_run_has_a_short_representation():
+    assert CircuitRun.__repr__.__module__ == "ann_dc.summaries"
