@@ -432,7 +432,7 @@ class _Integration:
         limit counts.
         """
         if self.recorder.steps >= self.backend.most_steps:
-            return f"{self.recorder.steps} integration steps were done (most_steps)"
+            return f"{self.recorder.steps} integration steps (most_steps)"
         if not self.stepper.at_end:
             return None
         limit = self.backend.limit
@@ -441,4 +441,4 @@ class _Integration:
             if end > now * (1 + 1e-9):
                 self.stepper.go_on(end)
                 return None
-        return f"{limit or LIMIT:g} fastest time constants had passed (limit)"
+        return f"{limit or LIMIT:g} fastest time constants (limit)"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,6 +53,58 @@ class Outcome(enum.Enum):
     UNBOUNDED = "unbounded: the cost has no minimum"
 
 
+class Explanation(NamedTuple):
+    """Meaning of an outcome, and the next step for the user; one line each."""
+
+    meaning: str
+    next_step: str
+
+
+EXPLANATIONS: dict[Outcome, Explanation] = {
+    Outcome.SETTLED: Explanation(
+        "The relative KKT residual fell below the tolerance and stayed below it.",
+        "check the certificate of the solution",
+    ),
+    Outcome.COMPLETED: Explanation(
+        "The run lasted for the given duration and is not settled at its end.",
+        "omit the duration to run until the network settles",
+    ),
+    Outcome.NOT_SETTLED: Explanation(
+        "The run reached its limit of steps, network time or wall-clock time.",
+        "check that the target is within reach, then raise the limit",
+    ),
+    Outcome.DIVERGED: Explanation(
+        "A state exceeded 1e9 times the largest initial one, or is not finite.",
+        "use designed gains, shorter steps, or another initial guess",
+    ),
+    Outcome.LEFT_DOMAIN: Explanation(
+        "A function block received a value outside its domain.",
+        "start closer to the solution",
+    ),
+    Outcome.STALLED: Explanation(
+        "The KKT residual no longer decreases.",
+        "start elsewhere",
+    ),
+    Outcome.STOPPED: Explanation(
+        "A time limit, Ctrl-C or the progress receiver ended the run.",
+        "raise the time limit, or use the returned state as the initial guess",
+    ),
+    Outcome.FOUND: Explanation(
+        "The optimum is known, but no network with constant gains settled there.",
+        "try other preconditioner kinds or another initial guess",
+    ),
+    Outcome.INFEASIBLE: Explanation(
+        "No controls within their bounds reach the target.",
+        "move the target, extend the horizon, or widen the bounds",
+    ),
+    Outcome.UNBOUNDED: Explanation(
+        "The cost decreases without bound.",
+        "add a cost on the variable that grows, or bound it",
+    ),
+}
+"""Meaning and next step of every outcome; status messages that give advice begin with it."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Status:
     """Outcome of a run with its cause and time.
@@ -68,8 +121,8 @@ class Status:
     Examples
     --------
     >>> from ann_dc.backends import not_settled
-    >>> print(not_settled((1e-5, 2e-3), 40.0, "900 steps were done"))
-    not settled after 40 unit time constants: KKT residual 2.0e-03 when 900 steps were done
+    >>> print(not_settled((1e-5, 2e-3), 40.0, "900 steps"))
+    not settled within 900 steps (s = 40): KKT residual 2.0e-03
     """
 
     outcome: Outcome
@@ -132,8 +185,8 @@ def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
     name = network.cell.blocks[block].name
     penalty = ", or with more penalty" if network.cell.duals else ""
     message = (
-        f"left the domain of {name} in cell {stage} after {now:.4g} unit time constants; start "
-        f"closer to the solution{penalty}"
+        f"left the domain of {name} in cell {stage} after {now:.4g} unit time constants; "
+        f"{EXPLANATIONS[Outcome.LEFT_DOMAIN].next_step}{penalty}"
     )
     where = f"{name} [{stage}]"
     return Status(outcome=Outcome.LEFT_DOMAIN, message=message, neuron=where, time=now)
@@ -150,7 +203,8 @@ def elsewhere(network: Network) -> str:
     >>> elsewhere(ann_dc.synthesize(ann_dc.plants.car()))
     'start elsewhere, or design a network for these inputs'
     """
-    return "start elsewhere" + ", or design a network for these inputs" * bool(network.cell.duals)
+    design = ", or design a network for these inputs" * bool(network.cell.duals)
+    return EXPLANATIONS[Outcome.STALLED].next_step + design
 
 
 def no_headway(
@@ -213,15 +267,16 @@ def unbounded(why: str, now: float) -> Status:
     return Status(outcome=Outcome.UNBOUNDED, message=f"unbounded: {why}", neuron=None, time=now)
 
 
-def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
+def not_settled(residuals: tuple[float, float], now: float, bound: str) -> Status:
     """Return the status of a run that reached a bound before it settled.
 
     The message mentions the constraint residual if it exceeds `UNMET`, since the target may be out
-    of reach. ``why`` names the bound, as the end of "... when".
+    of reach. ``bound`` is the number of steps or the time allowed.
     """
-    message = f"not settled {_reached(residuals, now)} when {why}"
+    message = f"not settled within {bound} (s = {now:.4g}): KKT residual {max(residuals):.1e}"
     if not residuals[0] < UNMET:
-        message += "; its constraints are not met, so check that the target is within reach"
+        next_step = EXPLANATIONS[Outcome.NOT_SETTLED].next_step
+        message += f"; the constraints are not met: {next_step}"
     return Status(outcome=Outcome.NOT_SETTLED, message=message, neuron=None, time=now)
 
 

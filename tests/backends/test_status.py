@@ -10,6 +10,7 @@ import ann_dc
 from ann_dc import OdeBackend, RecurrentBackend, SpiceBackend, ode
 from ann_dc.backends import status
 from ann_dc.backends.status import (
+    EXPLANATIONS,
     UNMET,
     Outcome,
     Status,
@@ -44,12 +45,12 @@ def state(**values: list[float]) -> np.ndarray:
 ENDS = {
     Outcome.SETTLED: settled(1e-9, 7.0),
     Outcome.COMPLETED: completed((1e-9, 1e-2), 7.0),
-    Outcome.NOT_SETTLED: not_settled((1e-9, 1e-2), 7.0, "time was up"),
+    Outcome.NOT_SETTLED: not_settled((1e-9, 1e-2), 7.0, "900 steps"),
     Outcome.DIVERGED: diverged(ROW, np.ones(4), 7.0),
     Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
     Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves", "start elsewhere"),
     Outcome.STOPPED: stopped((1e-9, 1e-2), 7.0, "someone pressed Ctrl-C"),
-    Outcome.FOUND: found_without("the search", not_settled((1e-9, 1e-2), 7.0, "time was up")),
+    Outcome.FOUND: found_without("the search", not_settled((1e-9, 1e-2), 7.0, "900 steps")),
     Outcome.INFEASIBLE: infeasible("no controls reach q_d.x", 7.0),
     Outcome.UNBOUNDED: unbounded("the cost has no minimum", 7.0),
 }
@@ -57,7 +58,7 @@ ENDS = {
 FIRST_WORDS = {
     Outcome.SETTLED: "settled after",
     Outcome.COMPLETED: "completed after",
-    Outcome.NOT_SETTLED: "not settled after",
+    Outcome.NOT_SETTLED: "not settled within",
     Outcome.DIVERGED: "diverged after",
     Outcome.LEFT_DOMAIN: "left the domain of",
     Outcome.STALLED: "stalled after",
@@ -75,7 +76,8 @@ def test_every_outcome_has_its_sentence(outcome):
     assert status.outcome is outcome
     assert status.time == 7.0
     assert str(status) == status.message
-    assert ("after 7 unit time constants" in str(status)) == (outcome not in HOPELESS)
+    timed = any(part in str(status) for part in ("after 7 unit time constants", "(s = 7)"))
+    assert timed == (outcome not in HOPELESS)
     assert str(status).startswith(FIRST_WORDS[outcome])
 
 
@@ -119,12 +121,12 @@ def test_a_block_is_named_with_its_cell_and_what_helps():
 
 @pytest.mark.parametrize("unmet", [UNMET, 1.0, np.nan])
 def test_a_target_out_of_reach_is_suspected_where_constraints_are_not_met(unmet):
-    assert "target is within reach" in str(not_settled((unmet, 0.0), 1.0, "time was up"))
+    assert "target is within reach" in str(not_settled((unmet, 0.0), 1.0, "900 steps"))
 
 
 def test_no_suspicion_where_they_are_met():
-    text = str(not_settled((0.99 * UNMET, 0.5), 1.0, "time was up"))
-    assert text == "not settled after 1 unit time constants: KKT residual 5.0e-01 when time was up"
+    text = str(not_settled((0.99 * UNMET, 0.5), 1.0, "900 steps"))
+    assert text == "not settled within 900 steps (s = 1): KKT residual 5.0e-01"
 
 
 # Advice: a network can follow it, and where it is followed the run settles.
@@ -200,9 +202,9 @@ REACH = "check that the target is within reach"
 GROWTH = "multipliers z.push, beta.v, mu.v, beta.x grow steadily"
 LOOSEN, SOFT, TARGET = "loosen one of them", "make it soft", "or change the target"
 ADVICE = [
-    (LATE, "steps were done (most_steps)", replace(ODE, most_steps=9), lag, ODE, lag),
-    (LATE, "had passed (limit)", replace(ODE, limit=2.0), lag, ODE, lag),
-    (LATE, "9 steps were done (limit)", replace(STEPS, limit=9), lag, STEPS, lag),
+    (LATE, "steps (most_steps)", replace(ODE, most_steps=9), lag, ODE, lag),
+    (LATE, "fastest time constants (limit)", replace(ODE, limit=2.0), lag, ODE, lag),
+    (LATE, "9 steps (limit)", replace(STEPS, limit=9), lag, STEPS, lag),
     (LATE, REACH, OdeBackend(), pushed, ODE, lambda: pushed(target=1.0)),
     (LATE, GROWTH, OdeBackend(), pushed, ODE, lambda: pushed(target=1.0)),
     (LATE, LOOSEN, OdeBackend(), pushed, ODE, lambda: pushed(240.0)),
@@ -288,3 +290,20 @@ def test_network_without_duals_is_not_told_of_more_penalty():
     assert run.status.outcome is Outcome.LEFT_DOMAIN
     assert "start closer" in str(run.status)
     assert "penalty" not in str(run.status)
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_every_outcome_has_a_meaning_and_a_next_step(outcome):
+    meaning, next_step = EXPLANATIONS[outcome]
+    assert meaning[:1].isupper()
+    assert meaning.endswith(".")
+    assert next_step[:1].islower()
+    assert not next_step.endswith(".")
+    assert max(len(meaning), len(next_step)) <= 90
+    assert "\n" not in meaning + next_step
+
+
+def test_explanations_differ_and_name_outcomes_only():
+    assert EXPLANATIONS.keys() == {*Outcome}
+    assert len({*EXPLANATIONS.values()}) == len(Outcome)
+    assert len({next_step for _, next_step in EXPLANATIONS.values()}) == len(Outcome)

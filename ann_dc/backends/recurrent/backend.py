@@ -310,7 +310,7 @@ def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts
         return status.stalled(residuals, now, why, advice)
     if outcome is Outcome.STOPPED:
         return status.stopped(residuals, now, why)
-    return status.not_settled(residuals, now, f"{steps} steps were done (limit)")
+    return status.not_settled(residuals, now, f"{steps} steps (limit)")
 
 
 def _left_domain(network: Network, x: np.ndarray, now: float) -> Status:

@@ -110,7 +110,7 @@ def test_the_number_of_steps_is_limited():
     run = replace(RECURRENT, limit=7).run(designed("car").network)
     assert run.status.outcome is Outcome.NOT_SETTLED
     assert run.steps == 7
-    assert re.search(r"not settled .* when 7 steps were done \(limit\)", run.status.message)
+    assert re.search(r"not settled within 7 steps \(limit\)", run.status.message)
     assert "check that the target is within reach" in run.status.message
     assert np.isnan(run.settling_time)
 

@@ -120,7 +120,7 @@ def test_acceleration_takes_fewer_steps():
 def test_the_recurrent_limit_counts_steps():
     code, text = run("solve", *RECURRENT, "--limit", 7)
     assert code == 1
-    assert "7 steps were done (limit)" in text
+    assert "not settled within 7 steps (limit)" in text
 
 
 @pytest.mark.slow
