@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 import typer.main
 from bench.record import QUOTATION, quoting
+from code_blocks import blocks_of, run_page
 
 from ann_dc.cli.commands.app import app
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 BENCH = ROOT / "tests" / "bench" / "README.md"
-PAGES = [README, ROOT / "demos" / "README.md", ROOT / "demos" / "choosing.md"]
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PAGES = [README, ROOT / "demos" / "README.md", *sorted((ROOT / "demos" / "guide").glob("*.md"))]
 LINK = re.compile(r"\]\(([^)#:]+)\)")
 INLINE = re.compile(r"`(ann-dc [^`]+)`")
 
@@ -26,17 +26,14 @@ def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
 
 
-def blocks(page: Path, language: str) -> list[str]:
-    return [code for kind, code in BLOCK.findall(text_of(page)) if kind == language]
-
-
 def commands() -> list[list[str]]:
     """Every command line that is shown, in words."""
     shown = [
         line.removeprefix("$ ")
         for page in PAGES
-        for block in blocks(page, "console")
-        for line in block.splitlines()
+        for block in blocks_of(page)
+        if block.language == "console"
+        for line in block.text.splitlines()
         if line.startswith("$ ")
     ]
     inline = [line for page in PAGES for line in INLINE.findall(text_of(page))]
@@ -53,9 +50,7 @@ def targets() -> set[str]:
 )
 def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    for code in blocks(README, "python"):
-        exec(code, names)
+    names = run_page(README, languages=("python",))
     assert names["solution"].certified
     assert names["run"].control_error < 1e-2
     assert (tmp_path / "network.npz").exists()
