@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from code_blocks import ROOT, blocks_of, difference, run_page
 
+from ann_dc.backends.status import Outcome
+
 GUIDE = ROOT / "demos" / "guide"
 PAGES = sorted(GUIDE.glob("*.md"))
 LONGEST = 120
@@ -59,6 +61,12 @@ def test_headings_are_not_questions(page):
 def test_page_is_in_the_index(page):
     index = (GUIDE / "index.md").read_text("utf-8").splitlines()
     assert page.stem in ("index", *index)
+
+
+def test_table_of_outcomes_has_a_row_for_every_outcome():
+    page = (GUIDE / "certification.md").read_text("utf-8")
+    rows = re.findall(r"^\| `([A-Z_]+)` \| (.+) \| (.+) \|$", page, re.MULTILINE)
+    assert [name for name, *_ in rows] == [outcome.name for outcome in Outcome]
 
 
 @pytest.mark.parametrize(
