@@ -1,4 +1,4 @@
-"""The table of formats in demos/README.md, written from the catalogue: ``--write`` renews it."""
+"""Table of formats on the guide page Export, written from the catalogue: ``--write`` renews it."""
 
 import re
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ann_dc.export.catalogue import FORMATS
 
-PAGE = Path(__file__).parents[1] / "demos" / "README.md"
+PAGE = Path(__file__).parents[1] / "demos" / "guide" / "export.md"
 HEAD = "| format | what it is | carries | loses | settings |\n|---|---|---|---|---|\n"
 
 
@@ -19,7 +19,7 @@ def table() -> str:
 
 
 def written() -> str:
-    """The table that stands on the page."""
+    """Return the table on the page."""
     found = re.search(re.escape(HEAD) + r"(?:\|.*\n)*", PAGE.read_text("utf-8"))
     return found.group() if found else ""
 
