@@ -22,7 +22,7 @@ FUZZ_SEED ?= $(shell $(PYTHON) -c 'import secrets; print(1 + secrets.randbelow(1
 .PHONY: run test fuzz slow lint demos pictures docs suite bench ngspice clean
 
 run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
-	$(BIN)/ann-dc paper --out out
+	$(BIN)/ann-dc paper --output out
 
 test: $(VENV)/test.stamp ngspice  ## lint, doctests and tests, two at a time
 	$(BIN)/ruff check .

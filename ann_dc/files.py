@@ -96,12 +96,15 @@ def make_folder(folder: str | os.PathLike[str]) -> Path:
     return Path(folder)
 
 
-def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> None:
-    """Write a new folder with all of its files, or nothing.
+def write_folder(
+    folder: str | os.PathLike[str], files: Mapping[str, bytes], *, replace: bool = False
+) -> None:
+    """Write a folder with all of its files, or nothing.
 
-    `files` maps file names to contents. The folder must not exist, but its parent must. It is
-    completed under another name next to its place and then renamed. Raises `OutputError` if the
-    name exists, which is left unchanged, or if the folder cannot be written.
+    `files` maps file names to contents. The parent of the folder must exist. The new folder is
+    completed under another name next to its place and then renamed. An existing folder is replaced
+    as a whole if `replace` is true. Raises `OutputError` if the name exists otherwise, or if the
+    folder cannot be written; existing content is then left unchanged.
 
     Examples
     --------
@@ -111,9 +114,10 @@ def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> 
     ...     sorted(file.name for file in Path(place, "new").iterdir())
     ['a.txt', 'b.txt']
     """
-    check_new(folder)
+    check_new(folder, replace=replace)
     with as_output_error(folder):
         place = Path(folder).absolute()
+        place = place.resolve() if replace else place
         part = _part_of(place)
         try:
             part.mkdir()
@@ -123,27 +127,46 @@ def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> 
                     stream.flush()
                     os.fsync(stream.fileno())
             _keep(part)
-            part.rename(place)
+            _put(part, place)
         finally:
             shutil.rmtree(part, ignore_errors=True)
         _keep(place.parent)
 
 
-def check_new(folder: str | os.PathLike[str]) -> None:
-    """Raise `OutputError`, with a remedy, if a new folder cannot have this name.
+def _put(part: Path, place: Path) -> None:
+    """Rename a complete folder to its place; a folder there is removed after the swap."""
+    if not place.is_dir():
+        part.rename(place)
+        return
+    old = _part_of(place)
+    place.rename(old)
+    try:
+        part.rename(place)
+    except BaseException:
+        old.rename(place)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
 
-    The name may exist already, or the folder cannot be created there.
+
+def check_new(
+    folder: str | os.PathLike[str],
+    *,
+    replace: bool = False,
+    remedy: str = "give the name of a new folder, or move this one away first",
+) -> None:
+    """Raise `OutputError`, with a remedy, if a folder cannot be written under this name.
+
+    The name may exist already, or the folder cannot be created there. With `replace` an existing
+    folder is accepted. `remedy` ends the message if the name exists.
     """
     with as_output_error(folder):
         place = Path(folder)
         parent = place.absolute().parent
         is_taken = place.exists() or place.is_symlink()
+        is_taken = is_taken and not (replace and place.is_dir())
         has_room = parent.is_dir() and os.access(parent, os.W_OK)
     if is_taken:
-        raise OutputError(
-            f"{os.fspath(folder)!r} exists already, and nothing is written over a folder; give the "
-            "name of a new one, or move this one away first"
-        )
+        raise OutputError(f"{os.fspath(folder)!r} exists already; {remedy}")
     if not has_room:
         raise OutputError(
             f"{os.fspath(folder)!r} cannot be written ({str(parent)!r} is no folder that may be "

@@ -17,7 +17,7 @@ README = PACKAGE / "README.md"
 ORDER = (
     "conversion dataclass_pickling errors jit_cache resources si_prefixes summaries timing",
     "files jit_functions progress validation",
-    "scale yields",
+    "parquet scale yields",
     "network",
     "problem",
     "decomposition evaluation optimality weights",

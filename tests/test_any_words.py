@@ -18,16 +18,20 @@ COMMON = {
     "--set": ["dt=0.2", "q_d=1,0", "scale.x=10", "scale.x=-1", "D=1", "dt=", "=", "dt=nan"],
     "--quiet": [None],
 }
-FILES = ["out.json", "new/out.json", ".", "", "no\0name", "folder"]
+FILES = ["-", "out.json", "new/out.json", ".", "", "no\0name", "folder"]
 RUNS = {
     "--backend": ["ode", "recurrent", "spice", ""],
     "--form": ["corrected", "printed", "S3", "S14", "S16", "S99"],
-    "--start": ["line", "zero", "random", "nowhere"],
+    "--initial-guess": ["line", "zero", "random", "nowhere"],
     "--seed": ["0", "7", "-1", "x"],
-    "--kinds": ["multilevel", "resistive-grid,cyclic-reduction", "diagonal", "all", ""],
-    "--limit": ["200", "50", "0", "-3", "nan"],
+    "--preconditioner": ["multilevel", "resistive-grid,cyclic-reduction", "diagonal", "all", ""],
+    "--max-settling": ["200", "50", "0", "-3", "nan"],
+    "--max-steps": ["200", "0", "2.5"],
+    "--table": ["short", "all", "none", "some"],
+    "--overwrite": [None],
     "--time-limit": ["5", "0.01", "0", "-1", "x"],
     "--json": FILES,
+    "--weights": ["net.npz", *FILES],
     "--save": ["net.npz", *FILES],
     "--method": ["RK45", "Radau", "Euler"],
     "--no-verify": [None],
@@ -36,10 +40,10 @@ RUNS = {
     "--accelerate": [None],
 }
 DESIGN = {
-    "--start": ["line", "zero", "nowhere"],
-    "--kinds": ["multilevel", "resistive-grid,cyclic-reduction", "diagonal", "all", ""],
-    "--why": [None],
-    "--out": ["designed", "folder", "no\0name"],
+    "--initial-guess": ["line", "zero", "nowhere"],
+    "--preconditioner": ["multilevel", "resistive-grid,cyclic-reduction", "diagonal", "all", ""],
+    "--diagnose": [None],
+    "--output": ["designed", "folder", "no\0name"],
 }
 CIRCUIT = {
     "--level": ["behavioural", "macro", "ota-c", "opamp", ""],
@@ -47,12 +51,12 @@ CIRCUIT = {
     "--gbw": ["1e7", "-1"],
     "--bandwidth-margin": ["10", "0", "nan"],
     "--full-scale": ["1", "0", "-2", "1e9"],
-    "--resistors": ["exact", "E24", "E7"],
-    "--metric": ["diagonal", "multilevel", "mesh"],
-    "--budget": ["3", "-1"],
+    "--series": ["exact", "E24", "E7"],
+    "--preconditioner": ["diagonal", "multilevel", "mesh"],
+    "--error-budget": ["3", "-1"],
     "--samples": ["2", "-1"],
     "--deck": FILES,
-    "--bill": ["bill.csv", *FILES],
+    "--bom": ["bill.csv", *FILES],
     "--json": FILES,
 }
 SHOW = {
@@ -70,7 +74,7 @@ COMMANDS = {
     "show": SHOW,
     "coordinate": {
         "--coordinator": ["two-gains", "newton", "x"],
-        "--limit": ["5", "0"],
+        "--max-iterations": ["5", "0"],
         "--tolerance": ["1e-3", "-1", "x"],
         "--json": FILES,
     },

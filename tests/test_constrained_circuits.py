@@ -217,7 +217,9 @@ def test_a_network_that_does_not_settle_is_told_of_a_preconditioner_that_may():
     problem = two_tanks().with_horizon(12)
     network = design(problem, preconditioner=PreconditionerKind.DIAGONAL).network
     network = network.with_start(synthesize(problem).start_state)  # the design found presets
-    with pytest.raises(NetworkError, match=r"has to settle to be scaled; .*--metric multilevel"):
+    with pytest.raises(
+        NetworkError, match=r"has to settle to be scaled; .*--preconditioner multilevel"
+    ):
         SpiceBackend().prepare(network)
 
 

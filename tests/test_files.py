@@ -161,7 +161,7 @@ def test_what_has_the_name_of_a_new_folder_stays(tmp_path, kind):
     else:
         place.symlink_to(tmp_path / "nowhere")
     before = place.lstat()
-    with pytest.raises(OutputError, match=r"taken' exists already.* the name of a new one"):
+    with pytest.raises(OutputError, match=r"taken' exists already.* the name of a new folder"):
         write_folder(place, FILES)
     assert place.lstat().st_ino == before.st_ino
     assert [file.name for file in tmp_path.iterdir()] == ["taken"]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ import numpy as np
 
 from ann_dc.errors import OutputError, PandasMissing
 from ann_dc.files import write_whole
+from ann_dc.parquet import pyarrow_modules, write_blocks
 
 RESIDUALS = ("constraint_residual", "stationarity_residual")
 """Column names of the relative residuals."""
@@ -85,6 +87,19 @@ class Tabulated(ABC):
         np.savez(stream, **arrays)
         write_whole(path, stream.getvalue())
 
+    def to_parquet(self, path: str | os.PathLike[str]) -> None:
+        """Write the columns of `to_frame` as a Parquet file.
+
+        Known units of measure by column are in the metadata ``ann_dc.units``, as JSON. Raises
+        `PyarrowMissing` if pyarrow is not installed, and `OutputError` if the file cannot be
+        written; an existing file is then left unchanged.
+        """
+        pyarrow_modules("to_parquet", "to_csv and to_npz need nothing")
+        columns = self.curves.columns()
+        units = json.dumps(self.curves.column_units())
+        types = dict.fromkeys(columns, "float64")
+        write_blocks(path, types, [[*columns.values()]], {"ann_dc.units": units})
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves(Tabulated):
@@ -136,7 +151,11 @@ class Curves(Tabulated):
         ]
 
 
-WRITERS = {".csv": Tabulated.to_csv, ".npz": Tabulated.to_npz}
+WRITERS = {
+    ".csv": Tabulated.to_csv,
+    ".npz": Tabulated.to_npz,
+    ".parquet": Tabulated.to_parquet,
+}
 """Functions that write curves, by file name extension."""
 
 
@@ -144,21 +163,29 @@ def write_curves(source: Tabulated, path: str | os.PathLike[str]) -> None:
     """Write curves in the format given by the file name extension.
 
     The source is a trajectory or a circuit run, and the path ends in a key of `WRITERS`. Raises
-    `OutputError` if the extension is unknown or the file cannot be written.
+    `OutputError` if the extension is unknown or the file cannot be written, and `PyarrowMissing`
+    for a Parquet file without pyarrow.
 
     Examples
     --------
     >>> check_curves_file("curves.xlsx")
     Traceback (most recent call last):
-    ann_dc.errors.OutputError: 'curves.xlsx': curves are written as .csv or .npz; end its name so
+    ann_dc.errors.OutputError: 'curves.xlsx': expected a name that ends in .csv, .npz or .parquet
     """
     check_curves_file(path)
     WRITERS[Path(path).suffix.lower()](source, path)
 
 
 def check_curves_file(path: str | os.PathLike[str]) -> None:
-    """Raise `OutputError` if a file name extension is not a format of curves."""
-    if Path(path).suffix.lower() not in WRITERS:
+    """Check before a long run that curves can be written to a path.
+
+    Raises `OutputError` if the file name extension is not a format of curves, and `PyarrowMissing`
+    for a Parquet file without pyarrow.
+    """
+    suffix, (*first, last) = Path(path).suffix.lower(), WRITERS
+    if suffix not in WRITERS:
         raise OutputError(
-            f"{os.fspath(path)!r}: curves are written as {' or '.join(WRITERS)}; end its name so"
+            f"{os.fspath(path)!r}: expected a name that ends in {', '.join(first)} or {last}"
         )
+    if suffix == ".parquet":
+        pyarrow_modules(repr(os.fspath(path)), ".csv and .npz need nothing")

@@ -1,4 +1,4 @@
-"""Terminal output: consoles, progress line, notes and lists of files."""
+"""Terminal output: consoles, progress line, notes and results."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ann_dc.progress import Progress, silent
+from ann_dc.report.json_file import STDOUT
 
 
 def console(*, stderr: bool = False, quiet: bool = False) -> Console:
@@ -54,17 +55,17 @@ def notes(quiet: bool = False) -> Iterator[None]:
                 console(stderr=True, quiet=quiet).print(note, soft_wrap=True)
 
 
-def list_files(files: Iterable[Path], *, quiet: bool = False) -> None:
-    """Print the names of the files that were written."""
-    for file in files:
-        console(quiet=quiet).print(f"wrote {file}", soft_wrap=True)
-
-
 def finish(
     shown: Iterable[Any], written: Iterable[Path] = (), *, quiet: bool = False, code: int = 0
 ) -> NoReturn:
-    """Print results and the names of written files, and end a command with an exit code."""
+    """Print results and the names of written files, and end a command with an exit code.
+
+    Nothing is printed if the JSON data went to the standard output.
+    """
+    written = [*written]
+    quiet = quiet or STDOUT in written
     for part in shown:
-        console(quiet=quiet).print(part)
-    list_files(written, quiet=quiet)
+        console(quiet=quiet).print(part, soft_wrap=isinstance(part, str))
+    for file in written:
+        console(quiet=quiet).print(f"wrote {file}", soft_wrap=True)
     raise typer.Exit(code)

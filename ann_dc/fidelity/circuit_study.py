@@ -40,7 +40,7 @@ from ann_dc.progress import Progress, silent
 from ann_dc.validation import checked
 
 ANALYSES = {
-    "items": "error budget (--budget)",
+    "items": "error budget (--error-budget)",
     "samples": "drawn circuits (--samples)",
     "loops": "loop gains (--loops)",
 }

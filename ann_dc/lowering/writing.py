@@ -52,7 +52,7 @@ def check_limits(network: Network, parts: str) -> None:
         raise ExportError(
             f"{network.title}: its {network.preconditioner.kind.value} couples neurons with rails "
             f"({', '.join(coupled)}), which {parts} hold one by one; design it with "
-            "preconditioner=PreconditionerKind.DIAGONAL (--kinds diagonal), or take "
+            "preconditioner=PreconditionerKind.DIAGONAL (--preconditioner diagonal), or take "
             "dataclasses.replace(network, preconditioner=Diagonal())"
         )
 

@@ -163,7 +163,7 @@ class CircuitReport:
         with_limits = (
             bool(self.found.circuit.schematic.limited) and RESISTOR in self.found.deck.parts
         )
-        beside = "; those of rails beside them: --bill" * with_limits
+        beside = "; those of rails: --bom" * with_limits
         return f"{resistors}C {small} to {large}{strays}{beside}"
 
     def _behaviour(self) -> dict[str, object]:
@@ -362,26 +362,26 @@ class CircuitReport:
         self,
         *,
         deck: Path | None = None,
-        bill: Path | None = None,
-        figure: Path | None = None,
-        curves: Path | None = None,
+        bom: Path | None = None,
+        figures: Path | None = None,
+        trajectory: Path | None = None,
         json_file: Path | None = None,
     ) -> list[Path]:
         """Write the requested files and return their paths."""
+        written = []
         if deck is not None:
             write_whole(deck, self.found.deck.text.encode())
-        if bill is not None:
+        if bom is not None:
             parts = self.found.circuit, self.backend.level, self.backend.series
-            write_whole(bill, bill_of(*parts).encode())
-        if figure is not None and self.found.run is not None:
-            plotting.save(self._figure(self.found.run), figure)
-        if curves is not None and self.found.run is not None:
-            trajectory = self.found.run.trajectory
-            trajectory = replace(trajectory, units=self.units)
-            write_curves(replace(self.found.run, trajectory=trajectory), curves)
+            write_whole(bom, bill_of(*parts).encode())
+        if figures is not None and self.found.run is not None:
+            written.append(plotting.save(self._figure(self.found.run), figures / "circuit.png"))
+        if trajectory is not None and self.found.run is not None:
+            labelled = replace(self.found.run.trajectory, units=self.units)
+            write_curves(replace(self.found.run, trajectory=labelled), trajectory)
         if json_file is not None:
             write_json(json_file, self.as_dict())
-        return [file for file in (deck, bill, figure, curves, json_file) if file is not None]
+        return written + [file for file in (deck, bom, trajectory, json_file) if file is not None]
 
     def _figure(self, run: CircuitRun) -> Figure:
         """Return the figure of the simulation: every neuron of a network of a file."""

@@ -17,7 +17,7 @@ from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
-from ann_dc.report.json_file import picked, write_json
+from ann_dc.report.json_file import picked, write_results
 from ann_dc.report.tables import span, table
 from ann_dc.weights.network_file import save as save_network
 
@@ -54,26 +54,32 @@ def write_design(
     problem: OptimalControlProblem,
     design: Design,
     found: Diagnosis | None,
-    folder: Path,
+    folder: Path | None = None,
+    json_file: Path | None = None,
     progress: Progress = silent,
 ) -> list[Path]:
-    """Write a design into an existing folder and return the paths of the files.
+    """Write a design into an existing folder or a JSON file and return the paths of the files.
 
-    The files are design.json, network.npz and why.png. A diagnosis is added to the JSON file and
-    plotted. Raises `OutputError` if a file cannot be written.
+    The files of the folder are design.json, network.npz and, with a diagnosis, diagnosis.png. A
+    diagnosis is added to the JSON data. Raises `OutputError` if a file cannot be written.
     """
-    why = {} if found is None else {"why": _diagnosis_dict(found)}
-    written = _written(_design_dict(design) | why, design.network, folder)
-    if found is not None:
+    diagnosis = {} if found is None else {"diagnosis": _diagnosis_dict(found)}
+    written = _written(_design_dict(design) | diagnosis, design.network, folder, json_file)
+    if found is not None and folder is not None:
         progress("drawing")
-        written.append(plotting.save(plotting.diagnosis(found, problem), folder / "why.png"))
+        figure = plotting.diagnosis(found, problem)
+        written.append(plotting.save(figure, folder / "diagnosis.png"))
     return written
 
 
-def _written(content: dict[str, Any], network: Network, folder: Path) -> list[Path]:
-    write_json(folder / "design.json", content)
+def _written(
+    content: dict[str, Any], network: Network, folder: Path | None, json_file: Path | None
+) -> list[Path]:
+    if folder is None:
+        return write_results(content, json_file)
+    written = write_results(content, json_file, folder / "design.json")
     save_network(network, folder / "network.npz")
-    return [folder / "design.json", folder / "network.npz"]
+    return [*written, folder / "network.npz"]
 
 
 def _design_dict(design: Design) -> dict[str, Any]:
@@ -135,13 +141,20 @@ def _penalties(design: Design, candidate: Candidate) -> np.ndarray:
     return candidate.gains.rho[[index[dual.neuron] for dual in design.network.cell.duals]]
 
 
-def write_family(designed: FamilyDesign, folder: Path, progress: Progress = silent) -> list[Path]:
-    """Write a design over an operating range into a folder and return the paths.
+def write_family(
+    designed: FamilyDesign,
+    folder: Path | None = None,
+    json_file: Path | None = None,
+    progress: Progress = silent,
+) -> list[Path]:
+    """Write a design over an operating range into a folder or a JSON file; return the paths.
 
-    The folder must exist. The files are design.json, network.npz and family.png. Raises
+    The folder must exist. Its files are design.json, network.npz and family.png. Raises
     `OutputError` if a file cannot be written.
     """
-    written = _written(_family_dict(designed), designed.network, folder)
+    written = _written(_family_dict(designed), designed.network, folder, json_file)
+    if folder is None:
+        return written
     progress("drawing")
     return [*written, plotting.save(plotting.family(designed), folder / "family.png")]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,29 @@ from typing import Any
 from ann_dc.errors import OutputError
 from ann_dc.files import make_folder, write_whole
 
+STDOUT = Path("-")
+"""Name of the standard output in place of a JSON file."""
+
 
 def write_json(path: Path, content: Any) -> None:
-    """Write strict JSON (no NaN, no Infinity) atomically.
+    """Write strict JSON (no NaN, no Infinity), atomically, or to `STDOUT`.
 
     Raises `OutputError` if the file cannot be written; an existing file is then unchanged.
     """
     text = json.dumps(_strict(content), indent=2, allow_nan=False) + "\n"
+    if path == STDOUT:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+        return
     write_whole(path, text.encode("utf-8"))
+
+
+def write_results(content: Any, *paths: Path | None) -> list[Path]:
+    """Write the same JSON data to every given path, and return these paths."""
+    written = [path for path in paths if path is not None]
+    for path in written:
+        write_json(path, content)
+    return written
 
 
 def picked(record: object, *names: str) -> dict[str, Any]:
@@ -38,16 +54,39 @@ def _strict(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def make_room(file: Path | None) -> None:
-    """Create the folder of an output file before a long run.
+def make_room(
+    json_file: Path | None,
+    *files: Path | None,
+    figures: Path | None = None,
+    trajectory: Path | None = None,
+) -> None:
+    """Create the folders of output files before a long run.
 
-    Raises `OutputError` if the path is a folder, or its folder cannot be created or written.
+    `figures` is a folder and `trajectory` a file of curves. Only the JSON file may be `STDOUT`.
+    Raises `OutputError` if a file has the name of a folder, has an unknown extension, or cannot be
+    written.
     """
-    if file is None:
-        return
+    if trajectory is not None:
+        from ann_dc.backends.curves import check_curves_file
+
+        check_curves_file(trajectory)
+    for file in (*files, trajectory, None if json_file == STDOUT else json_file):
+        if file is not None:
+            _make_room(file)
+    if figures is not None:
+        _check_access(make_folder(figures), figures)
+
+
+def _make_room(file: Path) -> None:
+    if file == STDOUT:
+        raise OutputError("-: only --json can write to stdout; give the name of a file")
     if file.is_dir():
         raise OutputError(f"{file}: is a folder; give the name of a file")
     folder = make_folder(file.parent)
     is_device = file.exists() and not file.is_file()
-    if not os.access(file if is_device else folder, os.W_OK):
-        raise OutputError(f"{file}: cannot be written (permission denied); give another place")
+    _check_access(file if is_device else folder, file)
+
+
+def _check_access(written: Path, given: Path) -> None:
+    if not os.access(written, os.W_OK):
+        raise OutputError(f"{given}: cannot be written (permission denied); give another place")

@@ -41,7 +41,7 @@ def level_table(done: list[Measured], title: str) -> Table:
 def as_dict(m: Measured) -> dict:
     """Return the content of one level for the JSON file."""
     return {
-        "rung": m.name,
+        "level": m.name,
         "error": m.error,
         "predicted_error": m.predicted_error,
         "settling_time": m.settling,
@@ -59,15 +59,18 @@ def write_level_comparison(
     done: list[Measured],
     problem: OptimalControlProblem,
     *,
-    figure: Path | None,
+    figures: Path | None,
     json_file: Path | None,
 ) -> list[Path]:
     """Write the requested files and return their paths."""
-    if figure is not None:
-        plotting.save(plotting.comparison(done, problem), figure)
+    written = []
+    if figures is not None:
+        figure = plotting.comparison(done, problem)
+        written.append(plotting.save(figure, figures / "levels.png"))
     if json_file is not None:
-        write_json(json_file, {"problem": problem.name, "rungs": [as_dict(m) for m in done]})
-    return [file for file in (figure, json_file) if file is not None]
+        write_json(json_file, {"problem": problem.name, "levels": [as_dict(m) for m in done]})
+        written.append(json_file)
+    return written
 
 
 def _settling_error(m: Measured) -> float:

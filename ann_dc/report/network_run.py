@@ -90,7 +90,7 @@ class NetworkRunReport:
     def tables(self) -> list[Table]:
         """Return the tables that ``ann-dc run`` prints."""
         run, left = self.run, max(len(self.values) - ROWS, 0)
-        hidden = f"; {left} are not listed (--json and --curves have all)" * bool(left)
+        hidden = f"; {left} are not listed (--json and --trajectory have all)" * bool(left)
         settling = self.settling_time  # finer runs of a circuit, before its sentence
         rows: dict[str, object] = {
             "network": self.network.title,
@@ -129,17 +129,18 @@ class NetworkRunReport:
             "neurons": {label: dict(zip(MEASURES, each)) for label, each in self.values.items()},
         }
 
-    def write(self, figure: Path | None, curves: Path | None, json: Path | None) -> list[Path]:
+    def write(self, figures: Path | None, trajectory: Path | None, json: Path | None) -> list[Path]:
         """Write the requested files and return their paths."""
-        if figure is not None:
+        written = []
+        if figures is not None:
             title = f"{self.model}: {self.words}, {self.end}"
-            plotting.save(neurons(self.run, title), figure)
-        if curves is not None:
+            written.append(plotting.save(neurons(self.run, title), figures / "run.png"))
+        if trajectory is not None:
             run = self.run
-            write_curves(run if isinstance(run, CircuitRun) else run.trajectory, curves)
+            write_curves(run if isinstance(run, CircuitRun) else run.trajectory, trajectory)
         if json is not None:
             write_json(json, self.as_dict())
-        return [file for file in (figure, curves, json) if file is not None]
+        return written + [file for file in (trajectory, json) if file is not None]
 
 
 def neuron_values(run: Run | CircuitRun) -> dict[str, tuple[float, float, float]]:

@@ -189,28 +189,31 @@ def _gains(solution: Solution) -> dict[str, str]:
 def write_solution(
     solution: Solution,
     *,
-    plot: Path | None = None,
+    figures: Path | None = None,
     json_file: Path | None = None,
-    curves: Path | None = None,
-    network: Path | None = None,
+    trajectory: Path | None = None,
+    weights: Path | None = None,
     folder: Path | None = None,
+    overwrite: bool = False,
     progress: Progress = silent,
 ) -> list[Path]:
     """Write the requested files and return their paths.
 
-    `plot` is the folder of the figures, `curves` the file of all neurons over time (.csv or .npz),
-    `network` that of the network with its gains, and `folder` is for `load_solution`.
+    `figures` is the folder of the figures and `trajectory` the file of all neurons over time.
+    `weights` is the file of the network with its gains. `folder` is for `load_solution`;
+    `overwrite` replaces a solution saved there.
     """
     written: list[Path] = []
-    if plot is not None:
+    if figures is not None:
         progress("drawing")
-        written += plotting.save_all(solution, plot)
+        written += plotting.save_all(solution, figures)
     if json_file is not None:
         write_json(json_file, solution.as_dict())
-    if curves is not None:
-        write_curves(solution.trajectory, curves)
-    if network is not None:
-        save_network(solution.network, network)
+    if trajectory is not None:
+        write_curves(solution.trajectory, trajectory)
+    if weights is not None:
+        save_network(solution.network, weights)
     if folder is not None:
-        solution.save(folder)
-    return written + [path for path in (json_file, curves, network, folder) if path is not None]
+        solution.save(folder, overwrite=overwrite)
+    paths = (json_file, trajectory, weights, folder)
+    return written + [path for path in paths if path is not None]

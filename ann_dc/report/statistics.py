@@ -268,7 +268,7 @@ class Findings:
     @property
     def retrying(self) -> str:
         """Command that runs the cases without a result again."""
-        return f"ann-dc study FILE.toml --out {shlex.quote(self.place)} --retry"
+        return f"ann-dc study FILE.toml --output {shlex.quote(self.place)} --retry"
 
     def repeating(self, row: int) -> str:
         """Return the command that repeats the case of a record."""

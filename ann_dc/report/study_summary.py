@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from rich.table import Table as Shown
 
+from ann_dc.report.json_file import picked
 from ann_dc.report.tables import table
 from ann_dc.si_prefixes import counted
 from ann_dc.study.metrics import Metric
@@ -51,6 +53,40 @@ def _yields(study: Study, found: Table) -> list[Shown | str]:
                 parts.add_row(str(value), str(part.yield_of()))
             shown.append(parts)
     return shown
+
+
+def summary_dict(study: Study, found: Table) -> dict[str, Any]:
+    """Return the same figures as plain data for JSON; quantiles by percentage."""
+    metrics = {}
+    for metric in study.metrics:
+        values = found[metric.name]
+        finite = values[np.isfinite(values)]
+        ends = np.percentile(finite, QUANTILES, method="inverted_cdf") if finite.size else ()
+        metrics[metric.name] = {
+            "unit": metric.unit,
+            "quantiles": dict(zip(QUANTILES, ends)),
+            "nan": len(values) - finite.size,
+        }
+    content = {
+        "study": study.title,
+        "cases": len(study),
+        "records": len(found),
+        "complete": found.is_complete,
+        "outcomes": found.outcomes,
+        "metrics": metrics,
+    }
+    if study.spec:
+        reached = found.yield_of()
+        content["yield"] = picked(reached, "share", "passed", "count", "low", "high")
+    return content
+
+
+def settings_dict(subject: Subject, metrics: Mapping[str, Metric]) -> dict[str, Any]:
+    """Return the settings of a subject and the metrics as plain data for JSON."""
+    return {
+        "settings": {word: list(family.names(subject)) for word, family in FAMILIES.items()},
+        "metrics": {each.name: picked(each, "unit", "definition") for each in metrics.values()},
+    }
 
 
 def settings_table(subject: Subject, metrics: Mapping[str, Metric]) -> list[Shown]:

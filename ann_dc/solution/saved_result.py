@@ -41,7 +41,7 @@ from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import AnnDcError, FileFormatError, OutputError, UnknownNameError
-from ann_dc.files import read_whole, write_folder
+from ann_dc.files import check_new, read_whole, write_folder
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.scheduled_run import ScheduledRun
@@ -215,10 +215,40 @@ def _choice(available: Mapping[str, Any], given: Any, place: str) -> Any:
 # ---- A result as a folder, which is complete or refused
 
 
+def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Raise `OutputError` if a result cannot be saved to this folder.
+
+    With `overwrite` the folder of a saved result is accepted, but no other existing folder or file.
+    """
+    if _is_saved(Path(folder)):
+        remedy = "give overwrite=True or --overwrite to replace it, or the name of a new folder"
+    else:
+        remedy = "it is not a saved solution and is not replaced; give the name of a new folder"
+        overwrite = False
+    check_new(folder, replace=overwrite, remedy=remedy)
+
+
+def _is_saved(place: Path) -> bool:
+    """Return True for a folder whose manifest is that of a saved result."""
+    try:
+        manifest = json.loads(read_whole(place / MANIFEST, MAX_MANIFEST, REMEDY))
+    except (FileFormatError, ValueError, RecursionError):
+        return False
+    return isinstance(manifest, dict) and manifest.get("format") == FORMAT
+
+
 def save_result(
-    folder: str | os.PathLike[str], networks: Mapping[str, Network], records: Mapping[str, object]
+    folder: str | os.PathLike[str],
+    networks: Mapping[str, Network],
+    records: Mapping[str, object],
+    *,
+    overwrite: bool = False,
 ) -> None:
-    """Write networks and records into a new folder, completely or not at all."""
+    """Write networks and records into a folder, completely or not at all.
+
+    Raises `OutputError` if the folder exists, unless `overwrite` is true and it is a saved result.
+    """
+    check_result_folder(folder, overwrite=overwrite)
     writer = Writer()
     manifest = {
         "format": FORMAT,
@@ -230,7 +260,7 @@ def save_result(
     files[ARRAYS] = packed_entries({}, writer.arrays)
     files |= {f"{name}.npz": packed(network) for name, network in networks.items()}
     sums = "".join(f"{_digest(content)}  {name}\n" for name, content in files.items())
-    write_folder(folder, {**files, SUMS: sums.encode()})
+    write_folder(folder, {**files, SUMS: sums.encode()}, replace=overwrite)
 
 
 class _SavedResult:

@@ -234,8 +234,8 @@ class Solution(Record):
         return predicted if np.isfinite(predicted) else None
 
     @checked
-    def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write the solution into a new folder, completely or not at all.
+    def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the solution into a folder, completely or not at all.
 
         The folder contains the problem as text, the network and the designed network as weight
         files (readable by `load`), the trajectory, the status, the certificate and the design.
@@ -245,11 +245,14 @@ class Solution(Record):
         ----------
         folder : path-like
             Folder that does not exist yet, in an existing folder.
+        overwrite : bool, optional
+            True to replace the folder of a saved solution as a whole. Any other existing folder or
+            file is never replaced.
 
         Raises
         ------
         OutputError
-            If the folder exists or cannot be written.
+            If the folder exists and is not to be replaced, or cannot be written.
         ExpressionError
             If the problem has a function without a text form.
 
@@ -274,7 +277,7 @@ class Solution(Record):
         if self.design is not None:
             networks["design"] = self.design.network
             records["design"] = self.design
-        save_result(folder, networks, records)
+        save_result(folder, networks, records, overwrite=overwrite)
 
     def as_dict(self) -> dict:
         """Return status, figures and values as plain data for JSON."""

@@ -11,7 +11,7 @@ Nothing in the file is executed::
     curves = 0                     # states over time stored per case
     limit = 60.0                   # seconds per case
 
-    [vary]                         # varied settings; names: ann-dc study --settings SUBJECT
+    [vary]                         # varied settings; names: ann-dc study --list-settings SUBJECT
     nonideal.mismatch = [0.003, 0.01, 0.03]
     input.q_d.x = {low = 3, high = 7}
     gains.rho = {low = 0.1, high = 10, log = true, count = 9}   # nine values instead of samples

@@ -8,8 +8,9 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from ann_dc.errors import PandasMissing, PyarrowMissing
+from ann_dc.errors import PandasMissing
 from ann_dc.files import writing_whole
+from ann_dc.parquet import pyarrow_modules, write_blocks
 from ann_dc.study.columns import Kinds
 
 Pieces: TypeAlias = Iterable[list[list[Any]]]
@@ -83,25 +84,14 @@ def write_parquet(
     Raises `PyarrowMissing` if pyarrow is not installed and `OutputError` if the file cannot be
     written. An existing file is then unchanged.
     """
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError as error:
-        raise PyarrowMissing(
-            "to_parquet: a Parquet file needs pyarrow, which is not installed: pip install "
-            "'ann-dc[study]'; to_csv needs nothing"
-        ) from error
-    words = [_parquet_type(held) for held in kinds.values()]
-    fields = [(name, getattr(pyarrow, word)()) for name, word in zip(kinds, words)]
+    pyarrow_modules("to_parquet", "to_csv needs nothing")
+    types = {name: _parquet_type(held) for name, held in kinds.items()}
     mixed = [_frame_type(held) == "object" for held in kinds.values()]
-    schema = pyarrow.schema(fields, metadata={"ann_dc.study": identity})
-    with writing_whole(path) as stream, parquet.ParquetWriter(stream, schema) as table:
-        for piece in pieces:
-            columns = [
-                pyarrow.array(map(_text, column) if is_mixed else column, type=field.type)
-                for field, column, is_mixed in zip(schema, zip(*piece), mixed)
-            ]
-            table.write_batch(pyarrow.record_batch(columns, schema=schema))
+    blocks = (
+        [map(_text, column) if is_mixed else column for column, is_mixed in zip(zip(*piece), mixed)]
+        for piece in pieces
+    )
+    write_blocks(path, types, blocks, {"ann_dc.study": identity})
 
 
 def _text(value: Any) -> str | None:

@@ -110,7 +110,7 @@ def test_without_pandas_a_sentence_says_how_to_get_it(monkeypatch):
 
 @pytest.mark.parametrize("name", ["curves.xlsx", "curves", ".csv", "csv", "a.csv.gz", ""])
 def test_a_name_that_does_not_say_how_is_refused(name, tmp_path):
-    with pytest.raises(OutputError, match=r"written as \.csv or \.npz"):
+    with pytest.raises(OutputError, match=r"ends in \.csv, \.npz or \.parquet"):
         write_curves(TRAJECTORY, tmp_path / "x" / name)
     assert list(tmp_path.iterdir()) == []
 

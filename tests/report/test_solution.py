@@ -23,11 +23,11 @@ def test_the_report_names_what_decides(solution):
         console.print(solution_report(solution, ann_dc.OdeBackend()))
     text = capture.get()
     assert "x (m), v (m/s), a (m/s^2), dt (s)" in text
-    assert "fastest time constants = " in text
+    assert "tau_min: fastest time constant" in text
     for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "preconditioner"):
         assert row in text
     assert "recurrence" not in text
-    assert "relative, in natural scales (constraints" in " ".join(text.split())
+    assert "relative in natural scales (feasibility" in " ".join(text.split())
     assert "in the problem's units" not in text
 
 
@@ -69,15 +69,15 @@ def test_only_what_was_asked_for_is_written(solution, tmp_path):
     assert write_solution(solution) == []
     files = {
         "json_file": tmp_path / "a.json",
-        "curves": tmp_path / "c.csv",
-        "network": tmp_path / "b.npz",
+        "trajectory": tmp_path / "c.csv",
+        "weights": tmp_path / "b.npz",
         "folder": tmp_path / "d",
     }
     assert write_solution(solution, **files) == [*files.values()]
     written = json.loads(files["json_file"].read_text())
     assert written["certified"] is True
     assert written["units"] == {"x": "m", "v": "m/s", "a": "m/s^2", "time": "s"}
-    assert ann_dc.load(files["network"]).stages == 5
+    assert ann_dc.load(files["weights"]).stages == 5
     assert ann_dc.load_solution(files["folder"]).certified
-    assert files["curves"].read_text().startswith("time (unit time constants),q.x[1] (m)")
+    assert files["trajectory"].read_text().startswith("time (unit time constants),q.x[1] (m)")
     assert {*tmp_path.iterdir()} == {*files.values()}

@@ -154,7 +154,7 @@ def _run(network: Network, backend: OdeBackend) -> Trajectory:
         )
         means = (
             "; another preconditioner may settle: PreconditionerKind.MULTILEVEL "
-            "(ann-dc circuit --metric multilevel)"
+            "(ann-dc circuit --preconditioner multilevel)"
         )
         raise NetworkError(
             "circuit: the network has to settle to be scaled; if it does not, give the duration of "

@@ -1,4 +1,4 @@
-"""Options of a run: --backend with its options, --form, --start, --lower.
+"""Options of a run: --backend with its options, --form, --initial-guess and --lower.
 
 An option of one backend is rejected with another, because it would have no effect.
 """
@@ -26,7 +26,7 @@ FormOption = Annotated[
     str,
     typer.Option(
         metavar="FORM",
-        help="Equations: corrected, printed (as in the paper), or one slip of it, S1 to S17.",
+        help="Equations: corrected, printed (as in the paper), or one erratum, S1 to S17.",
     ),
 ]
 
@@ -35,13 +35,13 @@ FormOption = Annotated[
 class StartOptions:
     """Initial guess of the neurons."""
 
-    start: str = option(
-        "Initial neurons: line (from q_0 to q_d), zero, random.", default="line", metavar="START"
+    initial_guess: str = option(
+        "Initial neurons: line (from q_0 to q_d), zero or random.", default="line", metavar="WORD"
     )
-    seed: int = option("Seed of --start random, of --starts, or of --over.", default=0, min=0)
+    seed: int = option("Seed of random initial guesses and of --range.", default=0, min=0)
     starts: int | None = option(
-        "Run from so many seeded starts at once, in recurrent steps, and tell which "
-        "optima there are; the best one is written.",
+        "Solve from COUNT random initial guesses in one recurrent batch and list the optima; "
+        "files contain the best one.",
         min=1,
         metavar="COUNT",
     )
@@ -49,7 +49,7 @@ class StartOptions:
 
 def method_option(**look: Any) -> Any:
     """Return the option --method, for `RunOptions` and for runs of the ODE alone."""
-    text = "Integrator of the ODE: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA."
+    text = "Integrator: compiled, or RK23, RK45, DOP853, Radau, BDF or LSODA of SciPy."
     return option(text, metavar="METHOD", show_default="compiled", **look)
 
 
@@ -59,25 +59,33 @@ class RunOptions:
 
     method: str | None = method_option(rich_help_panel="With --backend ode")
     verify: bool | None = _ode_option(
-        "Run twice, the second time at 100 times tighter tolerances.",
+        "Repeat the run with 100 times smaller tolerances and compare.",
         "--verify/--no-verify",
         show_default="verify",
     )
+    max_settling: float | None = _ode_option(
+        "Maximum network time of the run (tau_min, the fastest time constant).",
+        metavar="T",
+        show_default="20000",
+    )
     order: str | None = _recurrent_option(
-        "Which neurons move when: simultaneous, two-phase (duals after primals), "
-        "stage-by-stage (one cell serves the stages in turn).",
+        "Update order of the neurons: simultaneous, two-phase (duals after primals) or "
+        "stage-by-stage.",
         metavar="ORDER",
         show_default="simultaneous",
     )
     step: str | None = _recurrent_option(
-        "Unit time constants of a step, or adaptive (as long as progress earns it).",
+        "Step size (unit time constants), or adaptive.",
         metavar="H",
         show_default="adaptive",
     )
     accelerate: bool = _recurrent_option(
-        "Anderson acceleration: fewer steps, with a memory of the last 20; needs torch.",
+        "Use Anderson acceleration with a memory of 20 steps; needs torch.",
         "--accelerate",
         default=False,
+    )
+    max_steps: int | None = _recurrent_option(
+        "Maximum number of steps.", metavar="COUNT", show_default="50000", min=1
     )
 
     def given(self) -> dict[str, Any]:
@@ -89,7 +97,10 @@ class RunOptions:
         }
 
 
-BACKENDS = {"ode": ("method", "verify"), "recurrent": ("order", "step", "accelerate")}
+BACKENDS = {
+    "ode": ("method", "verify", "max_settling"),
+    "recurrent": ("order", "step", "accelerate", "max_steps"),
+}
 """Backends with the options that are specific to each."""
 
 
@@ -101,7 +112,7 @@ def form_of(word: str):
 
 
 def start_of(options: StartOptions):
-    """Return the function for the initial guess that --start and --seed describe."""
+    """Return the function for the initial guess that --initial-guess and --seed describe."""
     from ann_dc.problem.initial_guess import interpolated_guess, random_guess, zero_guess
 
     kinds = {
@@ -109,30 +120,25 @@ def start_of(options: StartOptions):
         "zero": zero_guess,
         "random": partial(random_guess, rng=options.seed),
     }
-    return named("--start", options.start, kinds)
+    return named("--initial-guess", options.initial_guess, kinds)
 
 
-def backend_of(
-    word: str, options: RunOptions, *, limit: float | None = None, progress: Progress = silent
-):
+def backend_of(word: str, options: RunOptions, *, progress: Progress = silent):
     """Return the backend that --backend and its options describe.
 
     The result is an `OdeBackend` or a `RecurrentBackend`. Raises `ProblemError` for an option of
-    another backend and for a limit that is not a positive number.
+    another backend and for a maximum that is not a positive number.
     """
     backend = named("--backend", word, {name: name for name in BACKENDS})
     given = options.given()
     for name, value in given.items():
         if name not in BACKENDS[backend]:
-            option = f"--no-{name}" if value is False else f"--{name}"
+            option = f"--no-{name}" if value is False else f"--{name.replace('_', '-')}"
             home = next(other for other, names in BACKENDS.items() if name in names)
             raise ProblemError(
                 f"{option}: belongs to --backend {home}, and --backend {backend} runs; leave it "
                 f"out, or say --backend {home}"
             )
-    if limit is not None:
-        require_positive(ProblemError, **{"--limit": limit})
-        given["limit"] = limit
     build = {"ode": _ode, "recurrent": _recurrent}[backend]
     return build(progress=progress, **given)
 
@@ -146,20 +152,28 @@ def objective_of(word: str, options: RunOptions):
     return TWO_PHASE_STEPS if (options.order or "").lower() == "two-phase" else STEPS
 
 
-def _ode(*, method: str | None = None, **settings: Any):
+def _ode(*, method: str | None = None, max_settling: float | None = None, **settings: Any):
     from ann_dc.backends.ode import METHODS, OdeBackend
 
+    if max_settling is not None:
+        require_positive(ProblemError, **{"--max-settling": max_settling})
+        settings["limit"] = max_settling
     if method is not None:
         settings["method"] = named("--method", method, METHODS)
     return OdeBackend(**settings)
 
 
 def _recurrent(
-    *, order: str | None = None, step: str | None = None, accelerate: bool = False, **settings: Any
+    *,
+    order: str | None = None,
+    step: str | None = None,
+    accelerate: bool = False,
+    max_steps: int | None = None,
+    **settings: Any,
 ):
     length = _step_length(step or "adaptive")
-    if "limit" in settings:
-        settings["limit"] = _whole(settings["limit"])
+    if max_steps is not None:
+        settings["limit"] = max_steps
     from ann_dc.backends.recurrent.backend import RecurrentBackend
     from ann_dc.backends.step_rules import ORDERS, Anderson, FixedStep
 
@@ -186,12 +200,6 @@ def _step_length(word: str) -> float | None:
     raise ProblemError(
         f"--step: expected a positive number (of unit time constants) or adaptive, got {word!r}"
     )
-
-
-def _whole(limit: float) -> int:
-    if not limit.is_integer():
-        raise ProblemError(f"--limit: expected a whole number of steps, got {limit!r}")
-    return int(limit)
 
 
 SHARPER = 0.01

@@ -1,4 +1,4 @@
-"""Network, level and margin of a circuit, for ``circuit``, ``run``, ``ladder`` and ``export``."""
+"""Network, level and margin of a circuit, for ``circuit``, ``run``, ``levels`` and ``export``."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ def network_to_build(
         raise ProblemError(f"{problem.name}: nothing to build: {designed.first.ended}")
     raise ProblemError(
         f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
-        "is nothing to build; check that the target is within reach, or try another --metric"
+        "is nothing to build; check that the target is within reach, or try another "
+        "--preconditioner"
     )
 
 
@@ -78,7 +79,7 @@ def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:
     found = fitted(backend, network)
     if not math.isfinite(found.bandwidth_margin or 0.0):
         raise ProblemError(
-            f"--metric: no margin makes the {kind.value} stable with op amps of level "
-            f"{backend.level.name}; choose another, or --metric diagonal"
+            f"--preconditioner: no margin makes the {kind.value} stable with op amps of level "
+            f"{backend.level.name}; choose another, or --preconditioner diagonal"
         )
     return found

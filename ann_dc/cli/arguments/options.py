@@ -27,21 +27,30 @@ from ann_dc.timing import Seconds, Stopwatch
 Command = Callable[..., None]
 
 JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
-]
-CurvesOption = Annotated[
     Path | None,
-    typer.Option("--curves", metavar="FILE", help="Write every neuron over time, as .csv or .npz."),
+    typer.Option(
+        "--json", metavar="FILE", help="Write the result as JSON; - for stdout, without tables."
+    ),
 ]
-FigureOption = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", help="Write a picture (PNG).")
+TrajectoryOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--trajectory",
+        metavar="FILE",
+        help="Write all neurons over time (.csv, .npz, or .parquet, which needs pyarrow).",
+    ),
 ]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+FiguresOption = Annotated[
+    Path | None,
+    typer.Option("--figures", metavar="DIR", help="Write the figures into this folder (PNG)."),
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 TimingOption = Annotated[
     bool,
     typer.Option(
         "--timing",
-        help="Tell on stderr where the time went; what is compiled counts where it is first used.",
+        help="Print the duration of each phase (s) on stderr; compilation counts in the phase of "
+        "its first use.",
     ),
 ]
 

@@ -74,7 +74,7 @@ def unchanged_network(problem: ProblemOptions, preconditioner: str | None):
     if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, preconditioner)):
         raise ProblemError(
             f"{problem.problem}: a network stays as it was designed; leave out --set, "
-            "--horizon, --q-0, --q-d and --metric"
+            "--horizon, --q-0, --q-d and --preconditioner"
         )
     return saved_network(problem.problem)
 

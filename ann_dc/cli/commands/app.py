@@ -22,8 +22,9 @@ from typing import Annotated, Any
 import typer
 import typer.main
 from rich.text import Text
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
+from ann_dc.cli.commands.renamed import check_command, check_options
 from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
@@ -32,7 +33,7 @@ COMMANDS = {
     "design": "design",
     "coordinate": "coordinate",
     "circuit": "circuit",
-    "ladder": "levels",
+    "levels": "levels",
     "run": "run",
     "navigate": "navigate",
     "study": "study",
@@ -46,6 +47,15 @@ COMMANDS = {
 """Modules by command, in the order of the help; a function has the name of its command."""
 
 
+class _Command(TyperCommand):
+    """Command that refuses former names of options with the present ones."""
+
+    def parse_args(self, ctx, args):
+        if not ctx.resilient_parsing:
+            check_options(args, {name for each in self.params for name in each.opts})
+        return super().parse_args(ctx, args)
+
+
 class _OnDemand(Mapping[str, Any]):
     """Commands by name, loaded on request."""
 
@@ -56,7 +66,7 @@ class _OnDemand(Mapping[str, Any]):
         if name not in self._loaded:
             module = import_module(f"ann_dc.cli.commands.{COMMANDS[name]}")
             alone = typer.Typer(add_completion=False)
-            alone.command(name)(getattr(module, name))
+            alone.command(name, cls=_Command)(getattr(module, name))
             self._loaded[name] = typer.main.get_command(alone)
         return self._loaded[name]
 
@@ -73,6 +83,10 @@ class _Commands(TyperGroup):
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         self.commands = _OnDemand()
+
+    def resolve_command(self, ctx, args):
+        check_command(args[0])
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx):
         try:
@@ -92,7 +106,6 @@ app = typer.Typer(
     help="Optimal control on an analog neural network: declare a problem, let the network settle, "
     "get a certified optimum.",
     epilog="Start with:  ann-dc plants,  ann-dc solve car,  ann-dc show car",
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from ann_dc.cli.arguments.options import (
-    CurvesOption,
-    FigureOption,
+    FiguresOption,
     JsonOption,
     QuietOption,
+    TrajectoryOption,
     option,
     timed,
 )
@@ -41,16 +41,16 @@ class BuildOptions:
 
     bandwidth_margin: MarginOption = None
     full_scale: float | None = option(
-        "Voltage that stands for the largest value.",
+        "Voltage of the largest value (V).",
         metavar="V",
-        show_default="the level's, 1 at most if controls have bounds",
+        show_default="value of the level; at most 1 if controls have bounds",
     )
     seed: int | None = option(
-        "Draw offsets, tolerances and gain errors of the level's parts.", min=0
+        "Draw offsets, tolerances and gain errors of the parts with this seed.", min=0
     )
-    resistors: str = option(
-        "Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series), and "
-        "capacitors from E24, or E12 with E12; what is drawn comes on top.",
+    series: str = option(
+        "E series of the resistors: E12, E24, E96, E24-pairs or E96-pairs (two in series); "
+        "capacitors are of E24, with E12 of E12.",
         default="exact",
         metavar="SERIES",
     )
@@ -61,20 +61,23 @@ class BuildOptions:
 class StudyOptions:
     """Requested analyses of the circuit."""
 
-    budget: int = option(
-        "List the parts whose errors cost most.", default=0, metavar="COUNT", min=0
+    error_budget: int = option(
+        "List the COUNT parts with the largest effect on the control error.",
+        default=0,
+        metavar="COUNT",
+        min=0,
     )
     samples: int | None = option(
-        "Draw so many circuits of the level's parts, and predict the error of each.",
+        "Predict the control errors of COUNT circuits drawn from the tolerances of the parts.",
         metavar="COUNT",
         min=1,
         show_default=f"none; with --yield {SAMPLES}, with --trim {TRIMMED}",
     )
     loops: int = option(
-        "List the op amps with the smallest phase margins.", default=0, metavar="COUNT", min=0
+        "List the COUNT op amps with the smallest phase margins.", default=0, metavar="COUNT", min=0
     )
     simulated: bool = option(
-        "Run ngspice; without it netlist, bill, prediction and budget are still there.",
+        "Simulate in ngspice; predictions, netlist and bill of materials need no simulation.",
         "--simulate/--no-simulate",
         default=True,
     )
@@ -85,9 +88,9 @@ class CircuitFiles:
     """Output files."""
 
     deck: Path | None = option("Write the netlist.", "--deck", metavar="FILE")
-    bill: Path | None = option("Write every component's value (CSV).", "--bill", metavar="FILE")
-    figure: FigureOption = None
-    curves: CurvesOption = None
+    bom: Path | None = option("Write the bill of materials (CSV).", "--bom", metavar="FILE")
+    figures: FiguresOption = None
+    trajectory: TrajectoryOption = None
     json_file: JsonOption = None
 
     def given(self) -> dict[str, Path]:
@@ -99,15 +102,16 @@ class CircuitFiles:
 
         Raises `ProblemError` if a file requires a simulation and none is requested.
         """
-        if not simulated and (self.figure is not None or self.curves is not None):
-            option = "--curves" if self.figure is None else "--figure"
-            raise ProblemError(f"{option}: shows what ngspice did; leave out --no-simulate")
-        if self.curves is not None:
-            from ann_dc.backends.curves import check_curves_file
-
-            check_curves_file(self.curves)
-        for file in asdict(self).values():
-            make_room(file)
+        if not simulated and (self.figures is not None or self.trajectory is not None):
+            option = "--trajectory" if self.figures is None else "--figures"
+            raise ProblemError(f"{option}: needs the simulation; leave out --no-simulate")
+        make_room(
+            self.json_file,
+            self.deck,
+            self.bom,
+            figures=self.figures,
+            trajectory=self.trajectory,
+        )
 
 
 @timed
@@ -138,20 +142,20 @@ def circuit(
     Usage examples:
 
       ann-dc circuit car
-      ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10
-      ann-dc circuit car --resistors E96-pairs --bill out/car.csv --deck out/car.cir
+      ann-dc circuit car --level opa192_ad734 --seed 1 --error-budget 10
+      ann-dc circuit car --series E96-pairs --bom out/car.csv --deck out/car.cir
       ann-dc circuit car --no-simulate --samples 100
       ann-dc circuit car --no-simulate --loops 5
-      ann-dc circuit car --metric cyclic-reduction --no-simulate
-      ann-dc circuit unicycle --level transistor --figure out/unicycle.png
+      ann-dc circuit car --preconditioner cyclic-reduction --no-simulate
+      ann-dc circuit unicycle --level transistor --figures out
       ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
       ann-dc circuit car --level transistor --corners --process tt,ss
-      ann-dc circuit car --yield "error<2%" --samples 200 --spot 3
-      ann-dc circuit car --yield "error<5%" --resistors E96-pairs
+      ann-dc circuit car --yield "error<2%" --samples 200 --simulate-samples 3
+      ann-dc circuit car --yield "error<5%" --series E96-pairs
       ann-dc circuit car --level opa192_ad734 --trim "error<1%"
-      ann-dc circuit car --dac 12 --adc 12 --resistors E96-pairs --seed 1
+      ann-dc circuit car --dac 12 --adc 12 --series E96-pairs --seed 1
       ann-dc circuit network.npz --input load=0.3 --level opa192_ad734
-      ann-dc circuit oscillator.npz --duration 30 --figure out/oscillator.png
+      ann-dc circuit oscillator.npz --duration 30 --figures out
 
     With --corners, --yield, --trim, --dac or --adc the output is a table per
     analysis instead of one circuit, and --json is the only file.
@@ -168,13 +172,13 @@ def circuit(
     Exit code 1: otherwise. Exit code 2: bad input, an unstable circuit,
     ngspice not found, or unwritable output.
 
-    Comparison of all levels: ann-dc ladder.
+    Comparison of all levels: ann-dc levels.
     """
     with notes(quiet), progress_line(quiet) as progress:
         files.make_room(study.simulated)
         board.check(_of_one_circuit(build, study, files, board, given), level.level)
         stands = (PlaceOptions() if board.corners else place).single()
-        chosen, series = level_of(level, netlist=board.written), series_of(build.resistors)
+        chosen, series = level_of(level, netlist=board.written), series_of(build.series)
         simulated = study.simulated and not board.asked
         if is_network(problem.problem):
             declared, network = None, _saved(problem, build, given)
@@ -190,7 +194,7 @@ def circuit(
 
         with arithmetic_of(*subject.values()):
             models = chosen(network).at(stands)
-            if files.bill is not None:
+            if files.bom is not None:
                 check_level(models)
             if build.full_scale is not None:
                 models = replace(models, full_scale=build.full_scale)
@@ -209,7 +213,7 @@ def circuit(
                 found = study_circuit(
                     network,
                     backend,
-                    items=study.budget,
+                    items=study.error_budget,
                     samples=study.samples or 0,
                     loops=study.loops,
                     simulated=simulated,
@@ -262,7 +266,7 @@ def _of_one_circuit(
     """Return the options that apply to the construction of one circuit only."""
     rest = {name: file for name, file in files.given().items() if name != "json_file"}
     return {
-        "budget": study.budget,
+        "error-budget": study.error_budget,
         "samples": 0 if board.draws else study.samples,
         "loops": study.loops,
         "seed": build.seed is not None and not board.takes_seed,

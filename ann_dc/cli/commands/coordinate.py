@@ -10,7 +10,7 @@ from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.words import named
 from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.errors import ProblemError
-from ann_dc.report.json_file import make_room, write_json
+from ann_dc.report.json_file import make_room, write_results
 
 SMALLEST_TOLERANCE = 1e-8
 """Smallest tolerance; smaller fractions are below the rounding error."""
@@ -21,13 +21,13 @@ class CoordinationOptions:
     """Options of the coordinator and of the stages."""
 
     coordinator: str = option(
-        "Upper level: gradient (17), newton (a banded linear system each iteration), "
-        "oracle (33: needs the solution, for studies).",
+        "Upper level: gradient (17), newton (a banded linear system each iteration) or oracle "
+        "(33, needs the solution).",
         default="gradient",
         metavar="NAME",
     )
     lower: str | None = option(
-        "Lower level: closed (stage equations solved by Newton steps), iterated (16).",
+        "Lower level: closed (Newton steps of the stage equations) or iterated (16).",
         metavar="NAME",
         show_default="closed; newton: linearised stages",
     )
@@ -38,10 +38,10 @@ def coordinate(
     *,
     problem: ProblemOptions,
     levels: CoordinationOptions,
-    limit: int = option("Most outer iterations.", default=2000, min=1),
+    max_iterations: int = option("Maximum number of outer iterations.", default=2000, min=1),
     tolerance: float = option(
-        "Outer iterations are counted until the relative KKT residual stays below this; "
-        "the run goes on to 0.005 of it, so that its end can be certified.",
+        "Relative KKT residual that ends the count of outer iterations; the run continues to "
+        "0.005 of it.",
         default=1e-6,
     ),
     json_file: JsonOption = None,
@@ -85,12 +85,10 @@ def coordinate(
                 coordinator=chosen,
                 lower=level,
                 settling=settling,
-                limit=limit,
+                limit=max_iterations,
                 progress=progress,
             )
-        if json_file is not None:
-            write_json(json_file, as_dict(found))
-    written = [] if json_file is None else [json_file]
+        written = write_results(as_dict(found), json_file)
     finish([coordination_table(found)], written, quiet=quiet, code=0 if found.certified else 1)
 
 

@@ -1,24 +1,23 @@
 """``ann-dc design``: gains of a network, compared candidates and diagnosis.
 
-Operating range of inputs as options: ``--over q_d.x=3:7``.
+Operating range of inputs as options: ``--range q_d.x=3:7``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-import typer
+from typing import NoReturn
 
 from ann_dc.cli.arguments.backends import StartOptions, start_of
-from ann_dc.cli.arguments.options import QuietOption, option, timed
+from ann_dc.cli.arguments.options import JsonOption, QuietOption, option, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.words import KindsOption, kinds_of
-from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.cli.arguments.words import PreconditionersOption, kinds_of
+from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.errors import DesignError
-from ann_dc.files import make_folder
 from ann_dc.network.inputs import ranges_of
 from ann_dc.network.preconditioners.base import ALL_KINDS
+from ann_dc.report.json_file import make_room
 from ann_dc.timing import phase
 
 
@@ -26,14 +25,13 @@ from ann_dc.timing import phase
 class FamilyOptions:
     """Options that describe an operating range."""
 
-    over: list[str] | None = option(
-        "Design one network for a range of an input: q_d.x=3:7, q_0.phi=-0.5:0.5, or an input "
-        "that the problem declares. Repeatable.",
-        "--over",
+    ranges: list[str] | None = option(
+        "Design one network for a range of an input, for instance q_d.x=3:7. Repeatable.",
+        "--range",
         metavar="INPUT=LOW:HIGH",
     )
     held_out: int = option(
-        "With --over: inputs of the validation.", "--held-out", default=1000, min=1
+        "Number of validation inputs, with --range.", "--held-out", default=1000, min=1
     )
 
 
@@ -41,27 +39,32 @@ class FamilyOptions:
 def design(
     *,
     problem: ProblemOptions,
-    start: StartOptions,
-    preconditioner: KindsOption = None,
+    initial_guess: StartOptions,
+    preconditioner: PreconditionersOption = None,
     family: FamilyOptions,
-    refine: bool = option("Search for faster gains: seconds more.", "--refine", default=False),
-    why: bool = option("Why it is as slow as it is, and what would help.", "--why", default=False),
-    out: Path | None = option(
-        "Write design.json, network.npz and a picture (--why, --over) into this folder.",
+    refine: bool = option("Search for faster gains (seconds).", "--refine", default=False),
+    diagnose: bool = option(
+        "Report the slowest modes, their causes, and remedies with their effect.",
+        "--diagnose",
+        default=False,
+    ),
+    output: Path | None = option(
+        "Folder of design.json, network.npz and the figure of --diagnose or --range.",
         metavar="DIR",
     ),
+    json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Choose the gains of a problem's network, without running it to the end.
 
     The design minimises the stiffness ratio, the ratio of the fastest to the
     slowest rate at the equilibrium. Settling to 1e-6 takes 14 times as many
-    fastest time constants. The lower limit of the ratio is 2. --why reports
+    fastest time constants. The lower limit of the ratio is 2. --diagnose reports
     the slow modes, the weakly reachable constraints (by how much a multiplier
     responds to a perturbation beyond its penalty), and remedies. Numbers are
     in network units.
 
-    --over designs one network for ranges of inputs. Gain candidates come from
+    --range designs one network for ranges of inputs. Gain candidates come from
     equilibria of a sample, are screened on an increasing number of inputs,
     and are validated on held-out inputs, each with a certificate. Failing
     inputs are listed with the reason.
@@ -69,23 +72,29 @@ def design(
     Usage examples:
 
       ann-dc design car
-      ann-dc design car --over q_d.x=3:7 --over q_d.y=3:7 --out out/cars
-      ann-dc design pendulum --why --out out/pendulum
-      ann-dc design two_link_arm --kinds multilevel --refine --why
+      ann-dc design car --range q_d.x=3:7 --range q_d.y=3:7 --output out/cars
+      ann-dc design pendulum --diagnose --output out/pendulum
+      ann-dc design two_link_arm --preconditioner multilevel --refine --diagnose
 
     Exit code: 0 the gain-scheduled run settled, so the gains belong to the
-    solution (with --over: 99 % of the held-out inputs are certified), 1 the
+    solution (with --range: 99 % of the held-out inputs are certified), 1 the
     run did not settle, 2 bad input or unwritable output.
     """
-    if family.over:
+    if family.ranges:
         _design_family(
-            problem, start, preconditioner, family, out=out, quiet=quiet, other=refine or why
+            problem,
+            initial_guess,
+            preconditioner,
+            family,
+            output=output,
+            json_file=json_file,
+            quiet=quiet,
+            other=refine or diagnose,
         )
     with progress_line(quiet) as progress:
         declared = problem.declared()
-        if out is not None:
-            make_folder(out)
-        neurons, allowed = start_of(start), kinds_of(preconditioner, ALL_KINDS)
+        make_room(json_file, figures=output)
+        neurons, allowed = start_of(initial_guess), kinds_of(preconditioner, ALL_KINDS)
 
         with phase("imports"):
             from ann_dc import diagnosis, solver
@@ -101,18 +110,14 @@ def design(
                 progress=progress,
             )
             progress("looking for the slowest modes")
-            found = diagnosis.diagnose(designed) if why and designed.settled else None
-        written = [] if out is None else write_design(declared, designed, found, out, progress)
-    shown = console(quiet=quiet)
-    shown.print(str(designed), soft_wrap=True)
-    shown.print()
-    shown.print(candidate_table(designed))
+            found = diagnosis.diagnose(designed) if diagnose and designed.settled else None
+        written = write_design(declared, designed, found, output, json_file, progress)
+    shown = [str(designed), "", candidate_table(designed)]
     if found is not None:
-        shown.print(f"\n{found}", soft_wrap=True)
-    elif why:
-        shown.print("\nnothing to analyse: the first run did not settle, so no optimum is known")
-    list_files(written, quiet=quiet)
-    raise typer.Exit(0 if designed.settled else 1)
+        shown.append(f"\n{found}")
+    elif diagnose:
+        shown.append("\nno diagnosis: the first run did not settle, so no optimum is known")
+    finish(shown, written, quiet=quiet, code=0 if designed.settled else 1)
 
 
 ENOUGH = 0.99
@@ -125,20 +130,20 @@ def _design_family(
     kinds: str | None,
     family: FamilyOptions,
     *,
-    out: Path | None,
+    output: Path | None,
+    json_file: Path | None,
     quiet: bool,
     other: bool,
-) -> None:
-    """Design one network over an operating range (``--over``) and end the command."""
+) -> NoReturn:
+    """Design one network over an operating range (``--range``) and end the command."""
     with progress_line(quiet) as progress:
         if other or start != StartOptions(seed=start.seed):
             raise DesignError(
-                "--over: goes with neither --refine nor --why nor a start; every input starts on "
-                "its own straight line"
+                "--range: cannot be combined with --refine, --diagnose, --initial-guess or "
+                "--starts; leave them out"
             )
-        declared, over = problem.declared(), ranges_of(family.over or [], "--over")
-        if out is not None:
-            make_folder(out)
+        declared, over = problem.declared(), ranges_of(family.ranges or [], "--range")
+        make_room(json_file, figures=output)
 
         from ann_dc.families.family_design import design_family
         from ann_dc.report.design import write_family
@@ -152,7 +157,6 @@ def _design_family(
                 seed=start.seed,
                 progress=progress,
             )
-        written = [] if out is None else write_family(designed, out, progress)
-    console(quiet=quiet).print(str(designed), soft_wrap=True)
-    list_files(written, quiet=quiet)
-    raise typer.Exit(0 if designed.validation.share >= ENOUGH else 1)
+        written = write_family(designed, output, json_file, progress)
+    good = designed.validation.share >= ENOUGH
+    finish([str(designed)], written, quiet=quiet, code=0 if good else 1)

@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import typer
 
-from ann_dc.cli.arguments.options import QuietOption, argument, option, timed
+from ann_dc.cli.arguments.options import JsonOption, QuietOption, argument, option, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of, pairs_of
 from ann_dc.cli.arguments.saved_network import (
     DurationOption,
@@ -21,6 +22,7 @@ from ann_dc.cli.arguments.saved_network import (
 from ann_dc.cli.arguments.words import PreconditionerOption, preconditioner_of
 from ann_dc.cli.terminal import console, finish, notes, progress_line
 from ann_dc.progress import Progress
+from ann_dc.report.json_file import make_room, write_results
 
 
 def _list_formats(wanted: bool) -> None:
@@ -36,23 +38,25 @@ def export(
     *,
     problem: ProblemOptions,
     to: list[str] | None = option(
-        "Formats, or all of them: --formats. Repeatable.",
+        "Formats, or all; see --list-formats. Repeatable.",
         metavar="FORMAT,...",
         show_default="weights",
     ),
-    out: Path = option(
-        "Each format gets a folder of its name in DIR.", default=Path("out/export"), metavar="DIR"
+    output: Path = option(
+        "Folder of the exports; each format has a subfolder.",
+        default=Path("out/export"),
+        metavar="DIR",
     ),
     given: list[str] | None = option(
-        "A setting of a format (see --formats), for instance bits=16. Repeatable.",
-        "--with",
+        "Setting of a format, for instance bits=16; see --list-formats. Repeatable.",
+        "--option",
         metavar="NAME=VALUE",
     ),
     preconditioner: PreconditionerOption = None,
     duration: DurationOption = None,
-    formats: bool = option(
-        "List the formats, what each carries, and its settings; needs no PROBLEM.",
-        "--formats",
+    list_formats: bool = option(
+        "List the formats with their content and settings; needs no PROBLEM.",
+        "--list-formats",
         default=False,
         is_eager=True,
         callback=_list_formats,
@@ -64,7 +68,7 @@ def export(
     PROBLEM may also be a weight file (.npz, .safetensors) or the folder of an
     export to weights. A folder written by ann-dc solve --save is valid, too
     (./car, if it has the name of a plant). A plant or a problem file is
-    designed first, with the preconditioner that --metric names. An earlier
+    designed first, with the preconditioner that --preconditioner names. An earlier
     export in DIR is replaced. Every format includes a test vector, which
     allows the recipient to verify the result, and an index with hashes. Every
     result is checked before it is written, and the check is reported.
@@ -77,10 +81,10 @@ def export(
 
     Usage examples:
 
-      ann-dc export --formats
-      ann-dc export car --to onnx --metric multilevel --out out/car
-      ann-dc export car --to c99,hdl --with bits=16
-      ann-dc export car --to pack --with level=opa192_ad734
+      ann-dc export --list-formats
+      ann-dc export car --to onnx --preconditioner multilevel --output out/car
+      ann-dc export car --to c99,hdl --option bits=16
+      ann-dc export car --to pack --option level=opa192_ad734
       ann-dc export network.npz --to all
       ann-dc export oscillator.npz --to pack --duration 30
       ann-dc inspect out/car
@@ -93,9 +97,11 @@ def export(
 
         check_duration(duration)
         names = [name.strip() for names in to or ["weights"] for name in names.split(",")]
-        settings = settings_from(names, pairs_of(given or (), "--with", "bits=16"))
+        settings = settings_from(names, pairs_of(given or (), "--option", "bits=16"))
         network = _network(problem, preconditioner, progress)
-        done = export_network(network, names, out, duration=duration, progress=progress, **settings)
+        done = export_network(
+            network, names, output, duration=duration, progress=progress, **settings
+        )
     for each in done:
         console(quiet=quiet).print(_sentence(each), soft_wrap=True)
     raise typer.Exit(1 if any(each.why_not for each in done) else 0)
@@ -125,8 +131,9 @@ def _network(problem: ProblemOptions, preconditioner: str | None, progress: Prog
 def inspect(
     *,
     place: Path = argument(
-        "A weight file, the folder of an export, or one with several.", metavar="PATH"
+        "Weight file, folder of an export, or folder of several exports.", metavar="PATH"
     ),
+    json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Show the content of a file or export, and verify hashes and behaviour.
@@ -152,6 +159,9 @@ def inspect(
         from ann_dc.export.catalogue import inspect_export
         from ann_dc.report.exports import inspection_table, inspections_table
 
+        make_room(json_file)
         found = inspect_export(place, progress=progress)
+        content = [asdict(each) | {"place": str(each.place), "good": each.good} for each in found]
+        written = write_results(content, json_file)
     shown = inspection_table(found[0]) if len(found) == 1 else inspections_table(found)
-    finish([shown], quiet=quiet, code=0 if all(each.good for each in found) else 1)
+    finish([shown], written, quiet=quiet, code=0 if all(each.good for each in found) else 1)

@@ -1,9 +1,9 @@
-"""``ann-dc ladder``: comparison of all model levels, from the ODE to transistors."""
+"""``ann-dc levels``: comparison of all model levels, from the ODE to transistors."""
 
 from __future__ import annotations
 
 from ann_dc.cli.arguments.options import (
-    FigureOption,
+    FiguresOption,
     JsonOption,
     QuietOption,
     option,
@@ -16,16 +16,16 @@ from ann_dc.report.json_file import make_room
 
 
 @timed
-def ladder(
+def levels(
     *,
     problem: ProblemOptions,
     bandwidth_margin: MarginOption = None,
     seed: int = option(
-        "Of the offsets, tolerances and gain errors of the parts.", default=1, min=0
+        "Seed of the offsets, tolerances and gain errors of the parts.", default=1, min=0
     ),
     preconditioner: PreconditionerOption = None,
-    slow: bool = option("Also what ngspice takes minutes for.", "--slow", default=False),
-    figure: FigureOption = None,
+    slow: bool = option("Include levels that need minutes in ngspice.", "--slow", default=False),
+    figures: FiguresOption = None,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -40,17 +40,16 @@ def ladder(
 
     Usage examples:
 
-      ann-dc ladder car
-      ann-dc ladder car --figure out/ladder.png --json out/ladder.json
-      ann-dc ladder unicycle --seed 3 --slow
+      ann-dc levels car
+      ann-dc levels car --figures out --json out/levels.json
+      ann-dc levels unicycle --seed 3 --slow
 
     Exit code: 0 the comparison was run (a failed level shows the reason),
     2 bad input, ngspice not found, or unwritable output, 130 interrupted.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()
-        for file in (figure, json_file):
-            make_room(file)
+        make_room(json_file, figures=figures)
         kind = preconditioner_of(preconditioner)
 
         from ann_dc.backends.spice.backend import SpiceBackend
@@ -76,5 +75,5 @@ def ladder(
                 timings=time_solvers(declared),
             )
             done = [*rungs]
-        written = write_level_comparison(done, declared, figure=figure, json_file=json_file)
+        written = write_level_comparison(done, declared, figures=figures, json_file=json_file)
     finish([level_table(done, str(declared))], written, quiet=quiet)

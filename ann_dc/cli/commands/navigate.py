@@ -6,12 +6,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import typer
-
-from ann_dc.cli.arguments.options import QuietOption, argument, option, unfolded
+from ann_dc.cli.arguments.options import (
+    JsonOption,
+    QuietOption,
+    argument,
+    option,
+    unfolded,
+)
 from ann_dc.cli.arguments.words import named
-from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.progress import Progress
+from ann_dc.report.json_file import make_room, picked, write_results
+
+JOURNEY = (
+    *("arrived", "collided", "held", "length", "effort", "dt", "q", "u"),
+    *("clearance", "shielded", "residuals", "spent"),
+)
+"""Attributes of a closed-loop run in the JSON file."""
 
 PLANNERS = {"network": "network", "waypoint": "waypoint", "as-printed": "as-printed"}
 
@@ -19,20 +30,25 @@ PLANNERS = {"network": "network", "waypoint": "waypoint", "as-printed": "as-prin
 @unfolded
 def navigate(
     *,
-    world: Path = argument("The world, as text.", metavar="WORLD.toml"),
+    world: Path = argument("Scenario file.", metavar="WORLD.toml"),
     planner: str = option(
-        "network; waypoint (the paper's IV.C); or as-printed.", default="network", metavar="KIND"
+        "Planner: network, waypoint (IV.C of the paper) or as-printed.",
+        default="network",
+        metavar="KIND",
     ),
-    budget: float = option(
-        "Fastest time constants that the network has each period.", default=1000.0, metavar="N"
+    settling_budget: float = option(
+        "Network time per control period (tau_min, the fastest time constant).",
+        default=1000.0,
+        metavar="N",
     ),
-    horizon: int = option("Stages of a plan.", default=20, metavar="N"),
-    period: float = option("Control period, a stage of the plan.", default=0.1, metavar="SECONDS"),
-    safety_filter: bool = option(
-        "Whether the safety filter steps in where a plan would collide.", default=True
+    horizon: int = option("Number of stages of a plan.", default=20, metavar="N"),
+    period: float = option(
+        "Control period, equal to a stage of the plan (s).", default=0.1, metavar="SECONDS"
     ),
-    film: bool = option("Write a film too (GIF).", "--film", default=False),
-    out: Path = option("Folder for the pictures.", default=Path("out"), metavar="DIR"),
+    safety_filter: bool = option("Replace controls of a plan that would collide.", default=True),
+    animation: bool = option("Write an animation, too (GIF).", "--animation", default=False),
+    output: Path = option("Folder of the figures.", default=Path("out"), metavar="DIR"),
+    json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Drive a robot through a scenario, with a network that plans every period.
@@ -51,37 +67,39 @@ def navigate(
     Usage examples:
 
       ann-dc navigate demos/crossing.toml
-      ann-dc navigate demos/crossing.toml --budget 300 --film
+      ann-dc navigate demos/crossing.toml --settling-budget 300 --animation
       ann-dc navigate demos/crossing.toml --planner waypoint
 
     Exit code: 0 goal reached without a collision, 1 otherwise, 2 bad input.
     """
     kind = named("--planner", planner, PLANNERS)
-    with progress_line() as progress:
+    with progress_line(quiet) as progress:
         from ann_dc.errors import ScenarioError, require_positive
-        from ann_dc.files import make_folder
         from ann_dc.navigation.closed_loop import SHIELD, drive
         from ann_dc.navigation.scenario import load_scenario
         from ann_dc.plotting.style import save
         from ann_dc.plotting.worlds import film as moving, journey as picture
 
-        require_positive(ScenarioError, **{"--budget": budget})
+        require_positive(ScenarioError, **{"--settling-budget": settling_budget})
         declared = load_scenario(world)
-        make_folder(out)
-        chosen = _designed(kind, declared.robot, budget, horizon, period, progress)
+        make_room(json_file, figures=output)
+        chosen = _designed(kind, declared.robot, settling_budget, horizon, period, progress)
         shielded = SHIELD if safety_filter and kind == "network" else None
         (way,) = drive([declared], chosen, safety_filter=shielded, progress=progress)
         progress("drawing")
-        written = [save(picture(way), out / "journey.png")]
-        if film:
-            moving(way, out / "journey.gif")
-            written.append(out / "journey.gif")
-    if not quiet:
-        console().print(str(way))
-        if kind == "network":
-            console().print(str(chosen))
-        list_files(written)
-    raise typer.Exit(0 if way.arrived and not way.collided else 1)
+        written = [save(picture(way), output / "journey.png")]
+        if animation:
+            moving(way, output / "journey.gif")
+            written.append(output / "journey.gif")
+        written += write_results(_as_dict(way, kind), json_file)
+    shown = [str(way), str(chosen)] if kind == "network" else [str(way)]
+    finish(shown, written, quiet=quiet, code=0 if way.arrived and not way.collided else 1)
+
+
+def _as_dict(way, planner: str) -> dict[str, Any]:
+    """Return outcome and path of a closed-loop run as plain data for JSON."""
+    content = {"planner": planner, "scenario": way.world.name, "result": str(way)}
+    return content | picked(way, *JOURNEY)
 
 
 def _designed(kind: str, robot, budget: float, horizon: int, dt: float, progress: Progress) -> Any:

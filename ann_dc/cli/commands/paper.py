@@ -5,20 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import typer
-
-from ann_dc.cli.arguments.options import option, unfolded
+from ann_dc.cli.arguments.options import JsonOption, option, unfolded
 from ann_dc.cli.arguments.problem import arithmetic_of
-from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.files import make_folder
 from ann_dc.progress import Progress
-from ann_dc.report.json_file import make_room, write_json
+from ann_dc.report.json_file import make_room, write_results
 
 
 @unfolded
 def paper(
     *,
-    out: Path = option("Folder for results and figures.", default=Path("out"), metavar="DIR"),
+    output: Path = option("Folder of results and figures.", default=Path("out"), metavar="DIR"),
+    json_file: JsonOption = None,
 ) -> None:
     """Solve the paper's car example and show the effect of its printed equations.
 
@@ -31,13 +30,13 @@ def paper(
 
     Usage examples:
 
-      ann-dc paper --out out
+      ann-dc paper --output out
 
     Exit code: 0 both corrected runs settle and are certified, 1 otherwise, 2 bad input.
     """
-    result = out / "result.json"
-    make_folder(out)
-    make_room(result)
+    result = output / "result.json"
+    make_folder(output)
+    make_room(json_file, result)
     with progress_line() as progress:
         from ann_dc import plotting
         from ann_dc.paper import example
@@ -51,17 +50,17 @@ def paper(
         written = []
         for run, folder in zip(corrected, ("car_D1", "car_D0.5")):
             progress(f"drawing {folder}")
-            written += plotting.save_all(run.solution, make_folder(out / folder))
+            written += plotting.save_all(run.solution, make_folder(output / folder))
         by_label = {run.label: run.solution for run in runs}
         labels = ("corrected D=1", "without dB/dq", "printed D=1")
         shown = [by_label[label] for label in labels]
         for name, draw in {"paths": free_paths, "controls": free_controls}.items():
-            written.append(plotting.save(draw(*shown), out / f"without_obstacles_{name}.png"))
-        said, data, more = _two_levels(out, progress)
-        write_json(result, {name: found.as_dict() for name, found in by_label.items()} | data)
-    console().print(paper_table(runs), LEGEND, *said, sep="\n")
-    list_files([*written, *more, result])
-    raise typer.Exit(0 if all(run.solution.certified for run in corrected) else 1)
+            written.append(plotting.save(draw(*shown), output / f"without_obstacles_{name}.png"))
+        said, data, more = _two_levels(output, progress)
+        content = {name: found.as_dict() for name, found in by_label.items()} | data
+        written += [*more, *write_results(content, result, json_file)]
+    good = all(run.solution.certified for run in corrected)
+    finish([paper_table(runs), LEGEND, *said], written, code=0 if good else 1)
 
 
 def _two_levels(

@@ -96,7 +96,7 @@ class BoardOptions:
         "--yield",
         metavar="SPEC",
     )
-    spot: int = _board_option(
+    simulate_samples: int = _board_option(
         "With --yield: so many of the drawn circuits, best to worst, run in ngspice too.",
         default=0,
         metavar="COUNT",
@@ -131,7 +131,7 @@ class BoardOptions:
     @property
     def written(self) -> bool:
         """True if a netlist is written: of one circuit, its corners or simulated samples."""
-        return bool(self.corners or self.spot or not self.asked)
+        return bool(self.corners or self.simulate_samples or not self.asked)
 
     @property
     def asked(self) -> bool:
@@ -150,8 +150,8 @@ class BoardOptions:
         value, or for an invalid specification. Raises NgspiceMissing before the design if simulated
         samples, or corners of the level named `level`, require ngspice.
         """
-        if self.spot and self.spec is None:
-            raise ProblemError("--spot: is about drawn circuits; say --yield SPEC too")
+        if self.simulate_samples and self.spec is None:
+            raise ProblemError("--simulate-samples: is about drawn circuits; say --yield SPEC too")
         if self.spec is not None:
             _read(self.spec, "--yield")
         if self.trim is not None and list(_read(self.trim, "--trim").limits) != ["error"]:
@@ -162,7 +162,7 @@ class BoardOptions:
         for name, value in given.items():
             if self.asked and value:
                 raise ProblemError(f"--{name}: {_REFUSED.get(name, _ONE)}")
-        if self.spot or (self.corners and _simulated(level)):
+        if self.simulate_samples or (self.corners and _simulated(level)):
             from ann_dc.backends.spice.ngspice.process import find_ngspice
 
             find_ngspice()
@@ -189,7 +189,9 @@ class BoardOptions:
             answers.append(boards.CornerTable(corners=found, backend=backend))
         if self.spec is not None:
             spec, count = _read(self.spec, "--yield"), samples or SAMPLES
-            yielded = yield_of(backend, circuit, probe, spec, samples=count, spots=self.spot)
+            yielded = yield_of(
+                backend, circuit, probe, spec, samples=count, spots=self.simulate_samples
+            )
             answers.append(boards.YieldTable(yielded=yielded, backend=backend))
         if self.trim is not None:
             error, count = _read(self.trim, "--trim").error, samples or TRIMMED

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from ann_dc.cli.arguments.backends import RunOptions, backend_of, method_option
 from ann_dc.cli.arguments.options import (
-    CurvesOption,
+    FiguresOption,
     JsonOption,
     QuietOption,
+    TrajectoryOption,
     argument,
     option,
     timed,
@@ -36,7 +36,7 @@ class ModelOptions(LevelOptions):
     """Model of the network: its ODE, or a circuit in ngspice."""
 
     level: str = option(
-        f"ode (the ideal network), or the model level of a circuit in ngspice: {LEVELS}",
+        f"ode (the ideal network), or a circuit in ngspice. {LEVELS}",
         default=ODE,
         metavar="LEVEL",
     )
@@ -62,16 +62,13 @@ class ModelOptions(LevelOptions):
 def run(
     *,
     network: str = argument(
-        "A weight file (.npz, .safetensors), an export to weights, or the folder of a saved "
-        "solution.",
+        "Weight file (.npz, .safetensors), export to weights, or folder of a saved solution.",
         metavar="NETWORK_FILE",
     ),
     given: NetworkOptions,
     model: ModelOptions,
-    figure: Path | None = option(
-        "Draw every neuron over time (.png, .svg, .pdf).", "--figure", metavar="FILE"
-    ),
-    curves: CurvesOption = None,
+    figures: FiguresOption = None,
+    trajectory: TrajectoryOption = None,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -86,9 +83,9 @@ def run(
     Usage examples:
 
       ann-dc run network.npz
-      ann-dc run network.npz --input q_d.x=3 --curves out/moved.csv
+      ann-dc run network.npz --input q_d.x=3 --trajectory out/moved.csv
       ann-dc run network.npz --input q_d.x=target.csv:x --duration 500
-      ann-dc run oscillator.npz --duration 30 --figure out/oscillator.png
+      ann-dc run oscillator.npz --duration 30 --figures out
       ann-dc run oscillator.npz --duration 30 --level macro --json out/macro.json
       ann-dc run stiff.npz --method Radau
       ann-dc export oscillator.npz --to pack --duration 30
@@ -101,12 +98,7 @@ def run(
     with notes(quiet), progress_line(quiet) as progress:
         check_duration(given.duration)
         model.check()
-        if curves is not None:
-            from ann_dc.backends.curves import check_curves_file
-
-            check_curves_file(curves)
-        for file in (figure, curves, json_file):
-            make_room(file)
+        make_room(json_file, figures=figures, trajectory=trajectory)
         found = given.applied_to(_network(network))
 
         from ann_dc.report.network_run import NetworkRunReport
@@ -114,7 +106,7 @@ def run(
         backend, name = _backend(model, found, given.duration, progress)
         done = backend.run(found)
         report = NetworkRunReport(network=found, run=done, model=name, duration=given.duration)
-        tables, written = report.tables(), report.write(figure, curves, json_file)
+        tables, written = report.tables(), report.write(figures, trajectory, json_file)
     finish(tables, written, quiet=quiet, code=0 if report.good else 1)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from ann_dc.cli.arguments.backends import FormOption, form_of
 from ann_dc.cli.arguments.options import argument, option, unfolded
 from ann_dc.cli.arguments.problem import ProblemOptions, as_typed, defaults_of, plant_of
+from ann_dc.cli.arguments.words import TableOption, stages_of
 from ann_dc.cli.terminal import console, progress_line
 from ann_dc.errors import ProblemError
 
@@ -18,14 +19,17 @@ from ann_dc.errors import ProblemError
 @unfolded
 def show(
     *,
-    equations: bool = option("The equations (11)-(15) of a stage.", "--equations", default=False),
-    cell: bool = option("The cell: neurons, blocks and connections.", "--cell", default=False),
-    counts: bool = option("How many parts the network has.", "--counts", default=False),
-    scales: bool = option(
-        "What a network value of 1 and of 0 stands for.", "--scales", default=False
+    equations: bool = option(
+        "Show the equations (11)-(15) of a stage.", "--equations", default=False
     ),
-    latex: bool = option("The equations as LaTeX.", "--latex", default=False),
+    cell: bool = option("Show the cell: neurons, blocks and connections.", "--cell", default=False),
+    counts: bool = option("Show the number of parts of the network.", "--counts", default=False),
+    scales: bool = option(
+        "Show the scale and offset of every network value.", "--scales", default=False
+    ),
+    latex: bool = option("Show the equations as LaTeX.", "--latex", default=False),
     form: FormOption = "corrected",
+    table: TableOption = "short",
     problem: ProblemOptions,
 ) -> None:
     """Show the network of a problem: equations, cell, counts, scales.
@@ -51,12 +55,13 @@ def show(
         from ann_dc.report.cell import cell_listing, remarks, scale_table
         from ann_dc.synthesis.synthesis import synthesize
 
+        rows = stages_of(table)
         chosen = equations or cell or counts or latex or scales
         saved = _saved(problem)
         if saved is not None and not chosen:
-            from ann_dc.report.solution import solution_report
+            from ann_dc.report.solution import Stages, solution_report
 
-            console().print(solution_report(saved))
+            console().print(solution_report(saved, stages=Stages(rows)))
             return
         declared = problem.declared() if saved is None else saved.problem
         stage = decompose(declared, form_of(form))
@@ -96,7 +101,9 @@ def _saved(problem: ProblemOptions):
 @unfolded
 def plants(
     *,
-    name: str | None = argument("A plant, to see its parameters.", default=None, metavar="[NAME]"),
+    name: str | None = argument(
+        "Plant whose parameters are listed.", default=None, metavar="[NAME]"
+    ),
 ) -> None:
     """List the plants of the package, or the parameters of one.
 

@@ -19,19 +19,27 @@ from ann_dc.cli.arguments.backends import (
     start_of,
 )
 from ann_dc.cli.arguments.options import (
-    CurvesOption,
+    FiguresOption,
     JsonOption,
     QuietOption,
+    TrajectoryOption,
     option,
     timed,
 )
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.words import KindsOption, kinds_of, named
+from ann_dc.cli.arguments.saved_network import NETWORKS
+from ann_dc.cli.arguments.words import (
+    PreconditionersOption,
+    TableOption,
+    kinds_of,
+    named,
+    stages_of,
+)
 from ann_dc.cli.terminal import finish, notes, progress_line
-from ann_dc.errors import ProblemError, require_positive
-from ann_dc.files import check_new, make_folder
+from ann_dc.errors import OutputError, ProblemError, require_positive
+from ann_dc.files import make_folder
 from ann_dc.progress import Deadline, Progress, Stopped
-from ann_dc.report.json_file import make_room, write_json
+from ann_dc.report.json_file import STDOUT, make_room, write_json
 from ann_dc.timing import phase
 
 
@@ -39,38 +47,36 @@ from ann_dc.timing import phase
 class SolutionFiles:
     """Output files."""
 
-    plot: Path | None = option("Write the figures into this folder.", metavar="DIR")
+    figures: FiguresOption = None
     json_file: JsonOption = None
-    curves: CurvesOption = None
-    save: Path | None = option(
-        "Write the frozen network (.npz, .safetensors), or all into a new folder.",
-        metavar="FILE|FOLDER",
+    trajectory: TrajectoryOption = None
+    weights: Path | None = option(
+        "Write the network with its gains (.npz, .safetensors).", metavar="FILE"
+    )
+    save: Path | None = option("Write the complete solution into a new folder.", metavar="DIR")
+    overwrite: bool = option(
+        "Replace the saved solution in the folder of --save.", "--overwrite", default=False
     )
 
     def make_room(self) -> None:
         """Check before a long run that all requested files can be written."""
-        if self.curves is not None:
-            from ann_dc.backends.curves import check_curves_file
+        if self.weights is not None and self.weights.suffix not in NETWORKS:
+            raise OutputError(
+                f"--weights: expected a name that ends in {' or '.join(NETWORKS)}, got "
+                f"{str(self.weights)!r}"
+            )
+        make_room(self.json_file, self.weights, figures=self.figures, trajectory=self.trajectory)
+        if self.save is None:
+            return
+        if self.save == STDOUT or self.save.suffix in NETWORKS:
+            raise OutputError(
+                f"--save: expected a folder, got {str(self.save)!r}; write a weight file with "
+                "--weights"
+            )
+        from ann_dc.solution.saved_result import check_result_folder
 
-            check_curves_file(self.curves)
-        for file in (self.json_file, self.curves, self.network):
-            make_room(file)
-        if self.folder is not None:
-            make_folder(self.folder.parent)
-            check_new(self.folder)
-        if self.plot is not None:
-            make_folder(self.plot)
-
-    @property
-    def network(self) -> Path | None:
-        """File of the network with fixed gains."""
-        is_file = self.save is not None and self.save.suffix in (".npz", ".safetensors")
-        return self.save if is_file else None
-
-    @property
-    def folder(self) -> Path | None:
-        """New folder of the complete solution."""
-        return self.save if self.network is None else None
+        make_folder(self.save.parent)
+        check_result_folder(self.save, overwrite=self.overwrite)
 
 
 @timed
@@ -78,58 +84,55 @@ def solve(
     *,
     problem: ProblemOptions,
     backend: str = option(
-        "How the network runs: ode (continuous time), recurrent (steps in discrete time).",
+        "Backend: ode (continuous time) or recurrent (discrete time).",
         default="ode",
         metavar="BACKEND",
     ),
     form: FormOption = "corrected",
     initial_guess: StartOptions,
-    preconditioner: KindsOption = None,
+    preconditioner: PreconditionersOption = None,
     refine: bool = option(
-        "Search for faster gains, or for fewer steps: 20 s more.", "--refine", default=False
-    ),
-    limit: float | None = option(
-        "Longest run: in fastest time constants of the network (ode), in steps (recurrent).",
-        show_default="20000 or 50000",
+        "Search for faster gains or fewer steps (20 s).", "--refine", default=False
     ),
     time_limit: float | None = option(
-        "End then with what is there, as Ctrl-C does.", metavar="SECONDS"
+        "Wall-clock limit (s); on expiry or Ctrl-C the current state is reported.",
+        metavar="SECONDS",
     ),
     files: SolutionFiles,
+    table: TableOption = "short",
     quiet: QuietOption = False,
     run: RunOptions,
 ) -> None:
     """Solve a problem with the network and certify that the result is an optimum.
 
-    Settling times are in fastest time constants: multiply them by the fastest
-    time constant of the hardware. Values are in the units of the problem,
-    which the table lists.
+    Settling times are in tau_min, the fastest time constant of the network.
+    Values are in the units of the problem, which the table lists.
 
     Usage examples:
 
       ann-dc solve car --set D=0.5 --json out/car.json
-      ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
-      ann-dc solve car --curves out/car.csv --save out/car
+      ann-dc solve unicycle -N 30 --q-d 2,1,free --figures out
+      ann-dc solve car --trajectory out/car.csv --save out/car
       ann-dc solve car --backend recurrent --accelerate
-      ann-dc solve pendulum --kinds multilevel,diagonal
+      ann-dc solve pendulum --preconditioner multilevel,diagonal
       ann-dc solve unicycle_soft_obstacle --starts 64
 
     Exit code: 0 settled and certified, 1 not settled or not certified,
     2 bad input or unwritable output, 130 interrupted.
     """
-    with notes(quiet), progress_line(quiet) as shown, _deadline(shown, time_limit) as progress:
-        declared = problem.declared()
+    with notes(quiet), progress_line(quiet) as line, _deadline(line, time_limit) as progress:
+        declared, rows = problem.declared(), stages_of(table)
         files.make_room()
         if initial_guess.starts is not None:
             _refuse(initial_guess, backend=backend, form=form, refine=refine, time_limit=time_limit)
-            backend, run, limit = "recurrent", *_for_many(run, limit)
+            backend, run = "recurrent", _for_many(run)
         with phase("imports"):
-            chosen = backend_of(backend, run, limit=limit, progress=progress)
+            chosen = backend_of(backend, run, progress=progress)
         equations, neurons = form_of(form), start_of(initial_guess)
 
         with phase("imports"):
             from ann_dc import solver
-            from ann_dc.report.solution import solution_report
+            from ann_dc.report.solution import Stages, solution_report
 
         found = None
         with arithmetic_of(declared.name), needing_torch(f"--backend {backend}"):
@@ -144,11 +147,11 @@ def solve(
                 gains = _refined(declared, equations, options, aim, progress) if refine else None
                 settings = {"form": equations, "gains": gains, "backend": chosen}
                 solution = solver.solve(declared, **settings, **options, progress=progress)
-        table = solution_report(solution, chosen)
-        written = _write(solution, found, files, shown)
+        shown = solution_report(solution, chosen, Stages(rows))
+        written = _write(solution, found, files, progress)
     code = 0 if solution.status.settled and solution.certified else 1
     shown_first = [] if found is None else [str(found)]
-    finish([*shown_first, table], written, quiet=quiet, code=130 if progress.interrupted else code)
+    finish([*shown_first, shown], written, quiet=quiet, code=130 if progress.interrupted else code)
 
 
 def _deadline(progress: Progress, seconds: float | None) -> Deadline:
@@ -175,7 +178,7 @@ def _refuse(
 ) -> None:
     """Raise `ProblemError` for options that have no effect with --starts."""
     given = {
-        "--start": start.start != "line",
+        "--initial-guess": start.initial_guess != "line",
         "--form": form != "corrected",
         "--refine": refine,
         "--time-limit": time_limit is not None,
@@ -186,11 +189,12 @@ def _refuse(
     named("--backend", backend, {name: name for name in BACKENDS})
 
 
-def _for_many(run: RunOptions, limit: float | None) -> tuple[RunOptions, float]:
-    """Return the run options and limit with the defaults of `multistart`."""
+def _for_many(run: RunOptions) -> RunOptions:
+    """Return the run options with the defaults of `multistart`."""
     from ann_dc.families.seeded_starts import LONGEST
 
-    return replace(run, order=run.order or "two-phase"), float(LONGEST) if limit is None else limit
+    steps = LONGEST if run.max_steps is None else run.max_steps
+    return replace(run, order=run.order or "two-phase", max_steps=steps)
 
 
 def _from_many(declared, starts: int, seed: int, kinds: str | None, chosen, progress: Progress):
@@ -217,11 +221,12 @@ def _write(solution, found, files: SolutionFiles, progress: Progress) -> list[Pa
     single = files.json_file if found is None else None
     written = write_solution(
         solution,
-        plot=files.plot,
+        figures=files.figures,
         json_file=single,
-        curves=files.curves,
-        network=files.network,
-        folder=files.folder,
+        trajectory=files.trajectory,
+        weights=files.weights,
+        folder=files.save,
+        overwrite=files.overwrite,
         progress=progress,
     )
     if found is not None and files.json_file is not None:

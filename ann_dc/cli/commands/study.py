@@ -11,11 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ann_dc.cli.arguments.options import QuietOption, argument, option, timed, unfolded
+from ann_dc.cli.arguments.options import (
+    JsonOption,
+    QuietOption,
+    argument,
+    option,
+    timed,
+    unfolded,
+)
 from ann_dc.cli.terminal import finish, notes, progress_line
 from ann_dc.errors import StudyError
 from ann_dc.progress import Progress
-from ann_dc.report.json_file import make_room
+from ann_dc.report.json_file import make_room, write_results
 
 FINISHED, SOME_FAILED, INTERRUPTED = 0, 1, 130
 """Exit codes."""
@@ -25,16 +32,16 @@ FINISHED, SOME_FAILED, INTERRUPTED = 0, 1, 130
 class Running:
     """Options of execution and storage."""
 
-    out: Path | None = option(
-        "Where rows are kept as they finish. A study there goes on.", metavar="DIR"
+    output: Path | None = option(
+        "Folder of the records; an existing study is continued.", metavar="DIR"
     )
     workers: int | None = option(
-        "Processes; 0 for none but this.", min=0, show_default="one a core"
+        "Number of worker processes; 0 for none.", min=0, show_default="one per core"
     )
     scheduler: str | None = option(
-        "A Dask scheduler whose workers do it instead.", metavar="ADDRESS"
+        "Address of a Dask scheduler whose workers run the cases.", metavar="ADDRESS"
     )
-    retry: bool = option("Do points that failed again.", "--retry", default=False)
+    retry: bool = option("Repeat failed cases.", "--retry", default=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +58,7 @@ class Exports:
         """
         if not is_whole and (self.csv or self.parquet):
             raise StudyError(
-                "--csv, --parquet: write a whole study; leave out --point and --settings"
+                "--csv, --parquet: write a whole study; leave out --point and --list-settings"
             )
 
     def write(self, folder: Path) -> list[Path]:
@@ -70,16 +77,17 @@ class Exports:
 def study(
     *,
     source: str = argument(
-        "A study file (.toml); or, with --point, the folder of a study; or, with "
-        "--settings, a plant or a problem file.",
+        "Study file (.toml); with --point also the folder of a study; with --list-settings a plant "
+        "or problem file.",
         metavar="STUDY",
     ),
     running: Running,
-    point: int | None = option("Do one point, and print its row.", min=0, metavar="NUMBER"),
-    settings: bool = option(
-        "List what can be varied, and what is measured.", "--settings", default=False
+    point: int | None = option("Run one case and print its record.", min=0, metavar="NUMBER"),
+    list_settings: bool = option(
+        "List the settings that can be varied, and the metrics.", "--list-settings", default=False
     ),
     exports: Exports,
+    json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Vary the settings of a study file, measure every case and store the records.
@@ -95,69 +103,81 @@ def study(
 
     Usage examples:
 
-      ann-dc study demos/yield.toml --out out/yield --workers 2
+      ann-dc study demos/yield.toml --output out/yield --workers 2
       ann-dc report out/yield
       ann-dc study out/yield --point 17
-      ann-dc study car --settings
+      ann-dc study car --list-settings
 
     Exit code: 0 every case has a result, 1 some have none, 2 bad input,
     130 interrupted.
     """
-    exports.check(is_whole=not settings and point is None)
+    exports.check(is_whole=not list_settings and point is None)
+    make_room(json_file)
     written, code = [], FINISHED
     with notes(quiet), progress_line(quiet) as progress:
-        if settings:
-            shown = _settable(source)
+        if list_settings:
+            shown, content = _settable(source)
         elif point is not None:
-            shown = _one(source, point)
+            shown, content = _one(source, point)
         else:
-            shown, written, code = _run(source, running, exports, progress)
+            shown, content, written, code = _run(source, running, exports, progress)
+        written = [*written, *write_results(content, json_file)]
     finish(shown, written, quiet=quiet, code=code)
 
 
 def _run(
     source: str, running: Running, exports: Exports, progress: Progress
-) -> tuple[list[Any], list[Path], int]:
-    """Return the summary of the study, the files written, and the exit code.
+) -> tuple[list[Any], dict[str, Any], list[Path], int]:
+    """Return the summary of the study, its JSON data, the files written, and the exit code.
 
     Raises `StudyError` if no folder is given, or the file does not contain a study.
     """
-    if running.out is None:
-        raise StudyError("--out: is missing; name the folder where rows are to be kept")
+    if running.output is None:
+        raise StudyError("--output: expected a folder for the records, got none; give --output DIR")
     progress("study")
-    from ann_dc.report.study_summary import summary
+    from ann_dc.report.study_summary import summary, summary_dict
     from ann_dc.study.study_file import load_study
 
     declared = load_study(source)
     with _executor(running.scheduler) as executor:
         table = declared.run(
-            running.out,
+            running.output,
             workers=running.workers,
             executor=executor,
             retry=running.retry,
             progress=progress,
         )
-    shown = [*summary(declared, table), f"a page of it: ann-dc report {running.out}"]
+    shown = [*summary(declared, table), f"HTML page: ann-dc report {running.output}"]
+    content = summary_dict(declared, table)
     if table.stopped:
         shown.append(f"{table.stopped}; the same command goes on from here")
-        return shown, [], INTERRUPTED
-    return shown, exports.write(running.out), FINISHED if table.is_complete else SOME_FAILED
+        return shown, content, [], INTERRUPTED
+    return (
+        shown,
+        content,
+        exports.write(running.output),
+        FINISHED if table.is_complete else SOME_FAILED,
+    )
 
 
-def _settable(source: str) -> list[Any]:
-    """Return tables of the available settings and metrics."""
+def _settable(source: str) -> tuple[list[Any], dict[str, Any]]:
+    """Return tables of the available settings and metrics, and their JSON data."""
     from ann_dc.cli.arguments.problem import problem_of
     from ann_dc.problem import plants
-    from ann_dc.report.study_summary import settings_table
+    from ann_dc.report.study_summary import settings_dict, settings_table
     from ann_dc.study.metrics import METRICS
     from ann_dc.study.settings import subject_of
 
     subject = source if source in plants.names() else problem_of(source, (), None, None, None)
-    return settings_table(subject_of(subject), METRICS)
+    described = subject_of(subject)
+    return settings_table(described, METRICS), settings_dict(described, METRICS)
 
 
-def _one(source: str, point: int) -> list[Any]:
-    """Return the record of one case of a study file, or of the study in a folder."""
+def _one(source: str, point: int) -> tuple[list[Any], dict[str, Any]]:
+    """Return the record of one case of a study file, or of the study in a folder.
+
+    The record is returned as a table and as JSON data.
+    """
     from ann_dc.report.tables import named_rows
     from ann_dc.study.store import Store
     from ann_dc.study.study_file import load_study, study_from
@@ -167,7 +187,8 @@ def _one(source: str, point: int) -> list[Any]:
             declared = study_from(store.identity)
     else:
         declared = load_study(source)
-    return [named_rows(declared.row(point))]
+    record = declared.row(point)
+    return [named_rows(record)], dict(record)
 
 
 @contextmanager
@@ -194,14 +215,14 @@ def _executor(scheduler: str | None) -> Iterator[Any]:
 
 
 NAME = "report.html"
-"""Default file name in the folder of the study, without --out."""
+"""Default file name in the folder of the study, without --output."""
 
 
 @timed
 def report(
     *,
-    folder: Path = argument("Folder of a study: what ann-dc study --out made.", metavar="DIR"),
-    out: Path | None = option(f"The page; {NAME} in DIR without it.", "--out", metavar="FILE"),
+    folder: Path = argument("Folder of a study.", metavar="DIR"),
+    output: Path | None = option("HTML page.", metavar="FILE", show_default=f"{NAME} in DIR"),
     quiet: QuietOption = False,
 ) -> None:
     """Write the result of a study as one HTML page to read, search and print.
@@ -218,7 +239,7 @@ def report(
     Usage examples:
 
       ann-dc report out/study
-      ann-dc report out/study --out study.html
+      ann-dc report out/study --output study.html
 
     Exit code: 0 written, 2 study not found, a missing package, or unwritable
     output, 130 interrupted.
@@ -227,9 +248,9 @@ def report(
         from ann_dc.report.study_page import write_residuals, write_study_page
         from ann_dc.study.store import Store
 
-        file = out or folder / NAME
+        file = output or folder / NAME
         with Store.open(folder) as store:
-            make_room(file)
+            make_room(None, file)
             write_study_page(store, file, progress=progress)
             figures = write_residuals(store, file)
             count = len(store)

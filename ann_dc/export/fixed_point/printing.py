@@ -45,7 +45,7 @@ def _facts(network: FixedPoint) -> dict[str, object]:
         "content": plain(network.content),
         "covers": plain(network.covers),
         "worth": plain(network.worth.removeprefix("words chosen for "), "%;"),
-        "own": own if network.ranges else "Give ranges with `over=`, or design with `--over`.",
+        "own": own if network.ranges else "Give ranges with `over=`, or design with `--range`.",
         "wrong": f"{WRONG * network.accuracy:g}",
         "least": f"{LEAST:g}",
         "bits": machine.bits,

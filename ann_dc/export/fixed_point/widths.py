@@ -200,7 +200,7 @@ class _Trial:
     def remedy(self, found: FixedPoint) -> str:
         """Return a remedy that makes words of the same width acceptable."""
         if self.ranges and found.measured.failed:
-            return "narrow the ranges of over=, or design the network for them first (--over)"
+            return "narrow the ranges of over=, or design the network for them first (--range)"
         if found.error == np.inf:
             return "design the network for its inputs again"
         return "allow as much by accuracy="

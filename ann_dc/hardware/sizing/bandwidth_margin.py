@@ -273,7 +273,7 @@ def check_following(circuit: Circuit, level: Level) -> None:
             f"bandwidth_margin: {bandwidth_margin:.3g} is too small: op amps of idle diode neurons "
             f"would move the soft long waves of the {kind}; take a margin "
             f"of {-two_digits(-wanted):.3g} (--bandwidth-margin), or design the network with "
-            "preconditioner=PreconditionerKind.CYCLIC_REDUCTION (--metric cyclic-reduction)"
+            "preconditioner=PreconditionerKind.CYCLIC_REDUCTION (--preconditioner cyclic-reduction)"
         )
 
 

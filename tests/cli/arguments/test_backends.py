@@ -33,11 +33,16 @@ BAD = {
     "step of no time": (["solve", *RECURRENT, "--step", "0"], "--step: expected a positive number"),
     "step that is nan": (["solve", *RECURRENT, "--step", "nan"], "--step: expected a positive"),
     "unknown step": (["solve", *RECURRENT, "--step", "long"], "or adaptive, got 'long'"),
-    "half a step": (["solve", *RECURRENT, "--limit", "2.5"], "a whole number of steps, got 2.5"),
-    "no steps": (["solve", *RECURRENT, "--limit", "0"], "--limit: expected a positive number"),
+    "half a step": (["solve", *RECURRENT, "--max-steps", "2.5"], "--max-steps"),
+    "no steps": (["solve", *RECURRENT, "--max-steps", "0"], "--max-steps"),
     "unknown form": (["solve", "car", "--form", "S99"], "printed-example, S1"),
-    "unknown start": (["solve", "car", "--start", "here"], "line, zero, random"),
-    "no limit": (["solve", "car", "--limit", "nan"], "--limit: expected a positive number"),
+    "unknown start": (["solve", "car", "--initial-guess", "here"], "line, zero, random"),
+    "no limit": (["solve", "car", "--max-settling", "nan"], "--max-settling: expected a positive"),
+    "limit of steps": (
+        ["solve", "car", "--max-steps", "9"],
+        "--max-steps: belongs to --backend rec",
+    ),
+    "limit of time": (["solve", *RECURRENT, "--max-settling", "9"], "--max-settling: belongs to"),
 }
 
 

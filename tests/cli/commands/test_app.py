@@ -12,7 +12,7 @@ from command_line import ROOT, refused, run, terminal
 
 import ann_dc
 
-COMMANDS = ["solve", "design", "coordinate", "circuit", "ladder", "show", "plants", "paper"]
+COMMANDS = ["solve", "design", "coordinate", "circuit", "levels", "show", "plants", "paper"]
 
 
 def test_version_and_help_name_every_command():
@@ -28,6 +28,36 @@ def test_help_of_a_command_has_an_example_and_units(command):
     assert code == 0
     assert f"ann-dc {command} " in text.split("Usage examples:", 1)[1]
     assert any(unit in text for unit in ("seconds", "units", "time constants"))
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("ann-dc l", ["levels"]),
+        ("ann-dc s", ["solve", "study", "show"]),
+        ("ann-dc circuit --error", ["--error-budget"]),
+        ("ann-dc solve car --tr", ["--trajectory"]),
+    ],
+)
+def test_completion_names_commands_and_their_options(words, completed):
+    count = str(len(words.split()) - 1)
+    asked = {"COMP_WORDS": words, "COMP_CWORD": count, "_ANN_DC_COMPLETE": "complete_bash"}
+    code, out, _ = terminal(**asked)
+    assert (code, out.decode().split()) == (0, completed)
+
+
+def test_completion_script_is_shown():
+    code, out, _ = terminal(
+        "--show-completion", "bash", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1"
+    )
+    assert code == 0
+    assert b"complete -o default -F _ann_dc_completion ann-dc" in out
+
+
+def test_without_arguments_the_help_is_shown():
+    code, text = run()
+    assert code == 2
+    assert "Start with: ann-dc plants" in text
 
 
 BAD = {

@@ -92,7 +92,7 @@ def test_switched_capacitors_have_a_word():
 @needs_ngspice
 def test_a_seed_draws_parts_and_a_budget_tells_which_to_pay_for(tmp_path):
     files = [tmp_path / name for name in ("one.json", "again.json", "two.json")]
-    words = [*QUICK, "--level", "opa192_ad734", "--budget", "3"]
+    words = [*QUICK, "--level", "opa192_ad734", "--error-budget", "3"]
     outputs = [run(*words, "--seed", seed, "--json", file) for seed, file in zip((1, 1, 2), files)]
     code, text = outputs[0]
     assert code == 0
@@ -123,19 +123,19 @@ def test_drawn_circuits_are_predicted(tmp_path):
 
 @needs_ngspice
 def test_circuit_writes_netlist_bill_picture_and_numbers(tmp_path):
-    names = {"--deck": "a.cir", "--bill": "b.csv", "--figure": "c.png", "--json": "d.json",
-             "--curves": "e.csv"}  # fmt: skip
+    names = {"--deck": "a.cir", "--bom": "b.csv", "--figures": "figures", "--json": "d.json",
+             "--trajectory": "e.csv"}  # fmt: skip
     files = {option: tmp_path / "new" / name for option, name in names.items()}
     options = [word for pair in files.items() for word in pair]
-    code, text = run(*QUICK, "--resistors", "e96-pairs", "--level", "macro", *options)
+    code, text = run(*QUICK, "--series", "e96-pairs", "--level", "macro", *options)
     assert code == 0
     assert text.count("wrote ") == 5
     assert "E96 pairs: off by up to 0.0" in text
     assert files["--deck"].read_text(encoding="utf-8").endswith(".end\n")
-    assert files["--bill"].read_text(encoding="utf-8").startswith("cell,component,")
-    assert files["--figure"].read_bytes().startswith(b"\x89PNG")
+    assert files["--bom"].read_text(encoding="utf-8").startswith("cell,component,")
+    assert (files["--figures"] / "circuit.png").read_bytes().startswith(b"\x89PNG")
     assert strict(files["--json"])["resistors"] == "E96 pairs"
-    assert files["--curves"].read_text(encoding="utf-8").startswith("time (s),q.x[1] (m),")
+    assert files["--trajectory"].read_text(encoding="utf-8").startswith("time (s),q.x[1] (m),")
     assert {file.name for file in (tmp_path / "new").iterdir()} == set(names.values())
 
 
@@ -145,7 +145,7 @@ def test_one_resistor_of_a_series_is_worse_than_two(tmp_path):
     errors = []
     for series in ("exact", "E96-pairs", "E24"):
         result = tmp_path / f"{series}.json"
-        code, _ = run(*QUICK, "--resistors", series, "--json", result)
+        code, _ = run(*QUICK, "--series", series, "--json", result)
         found = strict(result)
         assert code == (0 if found["control_error"] < 1e-2 else 1)
         errors.append(found["control_error"])
@@ -154,7 +154,7 @@ def test_one_resistor_of_a_series_is_worse_than_two(tmp_path):
 
 
 def test_the_values_told_are_those_of_the_series():
-    code, text = run(*QUICK, "--resistors", "E24", "--no-simulate")
+    code, text = run(*QUICK, "--series", "E24", "--no-simulate")
     assert code == 1
     low, high = re.search(r"R (\S+) kohm to (\S+) kohm", text).groups()
     assert {float(low), float(high) / 10} <= {*E24.mantissas}
@@ -167,14 +167,13 @@ def test_a_target_out_of_reach_is_told_by_name():
 CIRCUIT_BAD = {
     "unknown level": (["--level", "wood"], "--level 'wood' does not exist; choose one of: behav"),
     "presets are listed": (["--level", "lm741"], "tl072_ad633"),
-    "unknown series": (["--resistors", "E7"], "choose one of: exact, E12, E24, E96, E24-pairs"),
+    "unknown series": (["--series", "E7"], "choose one of: exact, E12, E24, E96, E24-pairs"),
     "a0 of a preset": (["--level", "tl072_ad633", "--a0", "1e5"], "--a0: the parts of level"),
     "gbw of transistors": (["--level", "transistor", "--gbw", "1e6"], "choose them with macro"),
     "a0 of ideal parts": (["--level", "behavioural", "--a0", "1e5"], "--a0: the parts of level"),
     "negative seed": (["--seed", "-1"], "--seed"),
     "half a seed": (["--seed", "1.5"], "--seed"),
-    "negative budget": (["--budget", "-1"], "--budget"),
-    "ladder": (["--level", "ladder"], "is a command of its own; use: ann-dc ladder"),
+    "negative budget": (["--error-budget", "-1"], "--error-budget"),
     "a folder": (["--json", str(ROOT)], "is a folder"),
 }
 
@@ -223,7 +222,7 @@ def test_a_yield_by_emulation_needs_no_models_of_a_foundry(monkeypatch):
 @pytest.mark.parametrize("level", ["behavioural", "switched-capacitor"])
 def test_a_budget_of_levels_that_have_no_course_of_their_own(level):
     """The emulation of ideal op amps is the network with its weights; a clocked one rests."""
-    code, text = run(*QUICK, "--level", level, "--budget", "2", "--no-simulate")
+    code, text = run(*QUICK, "--level", level, "--error-budget", "2", "--no-simulate")
     assert code == 0
     assert "what costs most" in text
 
@@ -250,7 +249,7 @@ def test_an_unstable_circuit_is_told_in_a_sentence():
     assert "too slow at margin 2" in text
 
 
-@pytest.mark.parametrize("option", ["--deck", "--bill", "--figure", "--json", "--curves"])
+@pytest.mark.parametrize("option", ["--deck", "--bom", "--figures", "--json", "--trajectory"])
 def test_an_unwritable_folder_is_told_before_the_design(tmp_path, monkeypatch, option):
     monkeypatch.setattr(DESIGN, lambda *_, **__: pytest.fail("designed all the same"))
     blocked = tmp_path / "file"
@@ -278,7 +277,7 @@ def test_a_circuit_that_fails_costs_no_earlier_result(tmp_path, monkeypatch, wor
         program.chmod(0o755)
         monkeypatch.setenv("ANN_DC_NGSPICE", str(program))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    files = {option: tmp_path / f"result.{option[2:]}" for option in ("--deck", "--bill", "--json")}
+    files = {option: tmp_path / f"result.{option[2:]}" for option in ("--deck", "--bom", "--json")}
     for file in files.values():
         file.write_text("of the last run")
     code, text = run(*QUICK, *words, *(word for pair in files.items() for word in pair))
@@ -304,8 +303,8 @@ def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
     monkeypatch.delenv("ANN_DC_NGSPICE", raising=False)
     deck, bill, result = (tmp_path / name for name in ("a.cir", "a.csv", "a.json"))
     code, text = run(
-        *CIRCUIT, "--no-simulate", "--deck", deck, "--bill", bill, "--json", result,
-        "--samples", "2", "--budget", "1",
+        *CIRCUIT, "--no-simulate", "--deck", deck, "--bom", bill, "--json", result,
+        "--samples", "2", "--error-budget", "1",
     )  # fmt: skip
     assert code == 0, text
     assert deck.read_text().endswith(".end\n")
@@ -316,10 +315,10 @@ def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
     code, text = run(*CIRCUIT, "--no-simulate", "--bandwidth-margin", "3")
     assert code == 1
     assert "oscillates" in text
-    for option, file in (("--figure", "a.png"), ("--curves", "a.csv")):
+    for option, file in (("--figures", "figures"), ("--trajectory", "a.csv")):
         code, text = run(*CIRCUIT, "--no-simulate", option, tmp_path / file)
         assert code == 2
-        assert f"{option}: shows what ngspice did; leave out --no-simulate" in text
+        assert f"{option}: needs the simulation; leave out --no-simulate" in text
 
 
 def test_a_volt_of_every_control_is_told(tmp_path):
@@ -356,8 +355,8 @@ def test_a_volt_of_every_control_is_told(tmp_path):
 )
 def test_what_a_preconditioner_demands_is_told_before_it_is_built(tmp_path, word):
     bill, result = tmp_path / "a.csv", tmp_path / "a.json"
-    files = "--bill", bill, "--json", result
-    code, text = run(*CIRCUIT, "--no-simulate", "--metric", word, *files)
+    files = "--bom", bill, "--json", result
+    code, text = run(*CIRCUIT, "--no-simulate", "--preconditioner", word, *files)
     assert code == 0, text
     assert "demands that its nodes follow within" in " ".join(text.split())
     found = strict(result)
@@ -371,7 +370,7 @@ def test_what_a_preconditioner_demands_is_told_before_it_is_built(tmp_path, word
 @pytest.mark.slow
 def test_where_a_demand_is_not_told_the_report_says_why(tmp_path, monkeypatch):
     monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
-    arguments = "--no-simulate", "--metric", "multilevel", "--json", tmp_path / "a.json"
+    arguments = "--no-simulate", "--preconditioner", "multilevel", "--json", tmp_path / "a.json"
     code, text = run(*CIRCUIT, *arguments)
     assert code == 0, text
     assert "no demand on its wires is told: with" in " ".join(text.split())
@@ -390,13 +389,16 @@ def test_time_constants_demand_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--metric", "tre"), "diagonal, multilevel, coupled-multilevel, resistive-grid, cyclic-"),
         (
-            ("--metric", "cyclic-reduction", "--level", "ota-c"),
+            ("--preconditioner", "tre"),
+            "diagonal, multilevel, coupled-multilevel, resistive-grid, cyclic-",
+        ),
+        (
+            ("--preconditioner", "cyclic-reduction", "--level", "ota-c"),
             "ota-c circuits cannot build a cyclic",
         ),
         (
-            ("--metric", "resistive-grid", "--level", "differential"),
+            ("--preconditioner", "resistive-grid", "--level", "differential"),
             "cannot build a resistive grid",
         ),
     ],

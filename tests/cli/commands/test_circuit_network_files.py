@@ -30,15 +30,24 @@ def oscillator(tmp_path):
 
 @needs_ngspice
 def test_settling_network_is_compared_with_its_ode_and_its_prediction(tmp_path, damped):
-    figure, curves, result = (tmp_path / name for name in ("a.svg", "a.csv", "a.json"))
-    words = ["--figure", figure, "--curves", curves, "--json", result, "--input", "load=0.25"]
+    curves, result = tmp_path / "a.csv", tmp_path / "a.json"
+    words = [
+        "--figures",
+        tmp_path,
+        "--trajectory",
+        curves,
+        "--json",
+        result,
+        "--input",
+        "load=0.25",
+    ]
     code, text = run("circuit", damped, *words)
     assert code == 0, text
     for row in ("near equilibrium", "error of states", "1 V =", "x: ", "noise", "x[0] "):
         assert row in text
     for word in ("optimum", "objective", "KKT", "problem"):
         assert word not in text
-    assert "<svg" in figure.read_text(encoding="utf-8")
+    assert (tmp_path / "circuit.png").read_bytes().startswith(b"\x89PNG")
     found = strict(result)
     assert found["network"] == "damped"
     assert found["settled"] is True
@@ -54,7 +63,7 @@ def test_settling_network_is_compared_with_its_ode_and_its_prediction(tmp_path, 
 @needs_ngspice
 def test_oscillator_runs_for_its_duration_beside_its_emulation(tmp_path, oscillator):
     result = tmp_path / "a.json"
-    words = ["--duration", 30, "--figure", tmp_path / "a.png", "--json", result]
+    words = ["--duration", 30, "--figures", tmp_path, "--json", result]
     code, text = run("circuit", oscillator, *words)
     assert code == 0, text
     assert "completed" in text
@@ -89,7 +98,7 @@ def test_inputs_over_time_have_no_prediction(tmp_path, damped):
     """An input that rises by one a unit of time: x lags by one."""
     (tmp_path / "load.csv").write_text("time,force\n0,0.5\n30,30.5\n")
     load = ["--input", f"load={tmp_path / 'load.csv'}:force"]
-    files = ["--json", tmp_path / "a.json", "--curves", tmp_path / "a.csv"]
+    files = ["--json", tmp_path / "a.json", "--trajectory", tmp_path / "a.csv"]
     code, text = run("circuit", damped, *load, "--duration", 30, *files)
     assert code == 0, text
     assert "nothing: inputs load change over time" in text
@@ -102,7 +111,7 @@ def test_inputs_over_time_have_no_prediction(tmp_path, damped):
 
 
 def test_network_is_predicted_without_ngspice(damped, oscillator):
-    code, text = run("circuit", damped, "--no-simulate", "--budget", 2, "--samples", 3)
+    code, text = run("circuit", damped, "--no-simulate", "--error-budget", 2, "--samples", 3)
     assert code == 0, text
     assert "the states are predicted to be within 1%" in text
     code, text = run("circuit", oscillator, "--no-simulate", "--duration", 5)
@@ -115,11 +124,11 @@ def test_bad_options_of_a_network_are_refused_by_name(damped, oscillator):
     refused(["circuit", oscillator], "duration=T or --duration T")
     refused(["circuit", oscillator, "--duration", 0], "--duration: expected a positive")
     refused(["circuit", damped, "-N", 3], "a network stays as it was designed")
-    refused(["circuit", damped, "--metric", "diagonal"], "leave out --set")
+    refused(["circuit", damped, "--preconditioner", "diagonal"], "leave out --set")
     refused(["circuit", damped, "--input", "force=1"], "'force' does not exist")
     refused(["circuit", damped, "--corners", "--duration", 3], "--duration: corners, yields")
     words = ["circuit", oscillator, "--duration", 3, "--no-simulate"]
-    for name in ("budget", "samples", "loops"):
+    for name in ("error-budget", "samples", "loops"):
         refused([*words, f"--{name}", 2], f"(--{name}), got one that does not")
 
 

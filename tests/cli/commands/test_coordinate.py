@@ -67,7 +67,7 @@ def test_coordinate_predicts_what_the_gradient_coordinator_needs(tmp_path):
 )
 def test_coordinate_that_is_not_done_is_told_with_code_1(tmp_path, options):
     file = tmp_path / "result.json"
-    code, text = run(*COORDINATE, *options, "--limit", 9, "--json", file)
+    code, text = run(*COORDINATE, *options, "--max-iterations", 9, "--json", file)
     assert code == 1
     assert "not settled after 9 outer iterations" in text
     assert "no: the two levels did not settle" in text
@@ -92,7 +92,7 @@ BAD = {
     "unknown plant to coordinate": (["coordinate", "cra"], "did you mean car"),
     "unknown coordinator": ([*COORDINATE, "--coordinator", "x"], "gradient, newton, oracle"),
     "unknown lower level": ([*COORDINATE, "--lower", "x"], "closed, iterated"),
-    "no outer iterations": ([*COORDINATE, "--limit", "0"], "--limit"),
+    "no outer iterations": ([*COORDINATE, "--max-iterations", "0"], "--max-iterations"),
     "no tolerance": ([*COORDINATE, "--tolerance", "0"], "--tolerance: expected a number below 1"),
     "tolerance nan": ([*COORDINATE, "--tolerance", "nan"], "--tolerance: expected a number"),
     "folder to coordinate into": ([*COORDINATE, "--json", str(ROOT)], "is a folder"),

@@ -11,7 +11,7 @@ SMALL = ["export", "double_integrator", "-N", "4", "--quiet"]
 
 
 def test_a_plant_is_designed_and_written(tmp_path):
-    code, text = run(*SMALL[:-1], "--to", "conductances,diagram", "--out", tmp_path)
+    code, text = run(*SMALL[:-1], "--to", "conductances,diagram", "--output", tmp_path)
     assert code == 0
     assert f"wrote {tmp_path / 'conductances'}: conductances.csv" in text
     code, text = run("inspect", tmp_path)
@@ -24,7 +24,7 @@ def test_a_plant_is_designed_and_written(tmp_path):
 
 
 def test_formats_may_be_given_one_by_one(tmp_path):
-    words = ["--to", "conductances", "--to", "diagram,csv", "--out", tmp_path]
+    words = ["--to", "conductances", "--to", "diagram,csv", "--output", tmp_path]
     assert run(*SMALL, *words)[0] == 0
     assert {folder.name for folder in tmp_path.iterdir()} == {"conductances", "diagram", "csv"}
 
@@ -33,17 +33,18 @@ def test_formats_may_be_given_one_by_one(tmp_path):
 def test_a_weight_file_is_a_problem_too(tmp_path, ending):
     file = tmp_path / f"network.{ending}"
     ann_dc.save(designed("double_integrator").network, file)
-    assert run("export", file, "--to", "diagram", "--out", tmp_path)[0] == 0
-    code, text = run("export", file, "--set", "N=3", "--to", "diagram", "--out", tmp_path)
+    assert run("export", file, "--to", "diagram", "--output", tmp_path)[0] == 0
+    code, text = run("export", file, "--set", "N=3", "--to", "diagram", "--output", tmp_path)
     assert code == 2
     assert "a network stays as it was designed" in text
     refused(
-        ["export", file, "--metric", "multilevel"], "leave out --set, --horizon, --q-0, --q-d and"
+        ["export", file, "--preconditioner", "multilevel"],
+        "leave out --set, --horizon, --q-0, --q-d and",
     )
 
 
 def test_a_changed_file_is_told(tmp_path):
-    assert run(*SMALL, "--to", "conductances", "--out", tmp_path)[0] == 0
+    assert run(*SMALL, "--to", "conductances", "--output", tmp_path)[0] == 0
     (tmp_path / "conductances" / "conductances.csv").write_text("other")
     code, text = run("inspect", tmp_path)
     assert code == 1
@@ -51,7 +52,7 @@ def test_a_changed_file_is_told(tmp_path):
 
 
 def test_what_a_changed_file_says_moves_no_cursor(tmp_path):
-    assert run(*SMALL, "--to", "diagram", "--out", tmp_path)[0] == 0
+    assert run(*SMALL, "--to", "diagram", "--output", tmp_path)[0] == 0
     index = tmp_path / "diagram" / "export.json"
     index.write_text(index.read_text().replace('"to": "diagram"', '"to": "\\u001b[2J[red]"'))
     code, text = run("inspect", tmp_path)
@@ -61,7 +62,7 @@ def test_what_a_changed_file_says_moves_no_cursor(tmp_path):
 
 
 def test_formats_are_listed_without_a_problem():
-    code, text = run("export", "--formats")
+    code, text = run("export", "--list-formats")
     assert code == 0
     assert all(name[:8] in text for name in FORMATS)
     assert "carries" in text
@@ -71,20 +72,20 @@ def test_formats_are_listed_without_a_problem():
     ("words", "reported"),
     [
         (["--to", "nix"], "format 'nix' does not exist; choose one of: all, "),
-        (["--to", "diagram", "--with", "off=cell"], "did you mean 'of'?"),
-        (["--to", "diagram", "--with", "cell"], "--with: expected NAME=VALUE"),
-        (["--to", "conductances", "--with", "levels=x"], "levels: expected a whole number"),
-        (["--to", "conductances", "--with", "levels=2", "--with", "levels=3"], "given twice"),
-        (["--metric", "nix"], "--metric"),
+        (["--to", "diagram", "--option", "off=cell"], "did you mean 'of'?"),
+        (["--to", "diagram", "--option", "cell"], "--option: expected NAME=VALUE"),
+        (["--to", "conductances", "--option", "levels=x"], "levels: expected a whole number"),
+        (["--to", "conductances", "--option", "levels=2", "--option", "levels=3"], "given twice"),
+        (["--preconditioner", "nix"], "--preconditioner"),
     ],
 )
 def test_bad_words_are_refused_by_name(tmp_path, words, reported):
-    refused([*SMALL[:-1], "--out", tmp_path, *words], reported)
+    refused([*SMALL[:-1], "--output", tmp_path, *words], reported)
 
 
 @pytest.mark.slow
 def test_one_format_that_cannot_is_an_error_several_are_a_sentence(tmp_path):
-    words = ["export", "cart_pole", "--set", "N=10", "--out", tmp_path, "--to"]
+    words = ["export", "cart_pole", "--set", "N=10", "--output", tmp_path, "--to"]
     refused([*words, "conductances"], "decades")
     code, text = run(*words, "conductances,diagram")
     assert code == 1
@@ -98,9 +99,9 @@ def test_what_is_no_export_is_refused(tmp_path):
 
 def test_an_export_to_weights_is_a_problem_too(tmp_path):
     """What is exported from it is the same, and other exports say what to give instead."""
-    run(*SMALL, "--to", "weights,latex", "--out", tmp_path / "first")
+    run(*SMALL, "--to", "weights,latex", "--output", tmp_path / "first")
     weights = tmp_path / "first" / "weights"
-    assert run("export", weights, "--to", "latex", "--out", tmp_path / "second")[0] == 0
+    assert run("export", weights, "--to", "latex", "--output", tmp_path / "second")[0] == 0
     first, second = (tmp_path / place / "latex" / "export.json" for place in ("first", "second"))
     assert first.read_bytes() == second.read_bytes()
     refused(["export", first.parent], "is an export to 'latex', from which no network is read")
@@ -109,7 +110,7 @@ def test_an_export_to_weights_is_a_problem_too(tmp_path):
 
 def test_export_into_a_folder_with_the_plants_name_is_repeated(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["export", "double_integrator", "--to", "csv", "--out", "double_integrator"]
+    words = ["export", "double_integrator", "--to", "csv", "--output", "double_integrator"]
     for horizon in ("4", "5"):
         assert run(*words, "-N", horizon)[0] == 0
     code, text = run("inspect", "double_integrator")
@@ -119,7 +120,7 @@ def test_export_into_a_folder_with_the_plants_name_is_repeated(tmp_path, monkeyp
 
 
 def test_export_notes_a_series_that_moves_the_controls(tmp_path):
-    words = [*SMALL[:-1], "--to", "pack", "--with", "series=E12", "--out", tmp_path]
+    words = [*SMALL[:-1], "--to", "pack", "--option", "series=E12", "--output", tmp_path]
     code, text = run(*words)
     assert code == 0
     assert "note: level macro: circuit: its controls are predicted to be" in text

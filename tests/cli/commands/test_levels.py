@@ -1,4 +1,4 @@
-"""The ladder of fidelity from the command line."""
+"""Command ``ann-dc levels``: comparison of all model levels."""
 
 import pytest
 from command_line import QUICK, ROOT, refused, run, strict
@@ -7,11 +7,11 @@ from simulator import needs_ngspice
 from ann_dc.fidelity.level_comparison import ComparedLevel
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 
-LADDER = ["ladder", *QUICK[1:]]
+LEVELS = ["levels", *QUICK[1:]]
 
 
 @needs_ngspice
-def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
+def test_levels_compares_the_wanted_levels_and_writes_files(tmp_path, monkeypatch):
     steps = (
         ComparedLevel(name="ideal", level=BEHAVIOURAL),
         ComparedLevel(name="op amps", level=macro()),
@@ -22,18 +22,18 @@ def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
         "ann_dc.fidelity.level_comparison.compared_levels",
         lambda *_, seed: seeds.append(seed) or steps,
     )
-    figure, result = tmp_path / "ladder.png", tmp_path / "ladder.json"
-    code, text = run(*LADDER, "--seed", "3", "--figure", figure, "--json", result)
+    figure, result = tmp_path / "levels.png", tmp_path / "levels.json"
+    code, text = run(*LEVELS, "--seed", "3", "--figures", tmp_path, "--json", result)
     assert code == 0
     assert seeds == [3]
     assert "too slow" not in text
     assert f"wrote {figure}" in text.replace("\n", "")
     assert figure.read_bytes().startswith(b"\x89PNG")
-    rungs = {found["rung"]: found for found in strict(result)["rungs"]}
-    names = [name.split(",")[0] for name in rungs]
+    levels = {found["level"]: found for found in strict(result)["levels"]}
+    names = [name.split(",")[0] for name in levels]
     assert names[:4] == ["ODE", "recurrent layer", "ideal", "op amps"]
     assert all(name.endswith("on this CPU") for name in names[4:])
-    circuit = rungs["op amps"]
+    circuit = levels["op amps"]
     assert circuit["predicted_error"] == pytest.approx(circuit["error"], rel=0.05)
     assert circuit["power"] is None
     assert circuit["parts"]["op amps"] > 0
@@ -50,9 +50,9 @@ BAD = {
 def test_bad_options_are_told_before_the_design(monkeypatch, words, meaning):
     design = "ann_dc.cli.arguments.building.network_to_build"
     monkeypatch.setattr(design, lambda *_, **__: pytest.fail("designed all the same"))
-    refused([*LADDER, *words], meaning)
+    refused([*LEVELS, *words], meaning)
 
 
 def test_without_ngspice_it_says_what_to_do(monkeypatch):
     monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
-    refused(LADDER, "ANN_DC_NGSPICE")
+    refused(LEVELS, "ANN_DC_NGSPICE")

@@ -23,7 +23,7 @@ def yard(tmp_path, monkeypatch):
 
 
 def test_pictures_are_written_and_the_end_is_told(yard, tmp_path):
-    code, said = run("navigate", yard, "--out", tmp_path / "out", "--film")
+    code, said = run("navigate", yard, "--output", tmp_path / "out", "--animation")
     assert code == 0
     assert "reached the goal" in said
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"journey.png", "journey.gif"}
@@ -31,24 +31,24 @@ def test_pictures_are_written_and_the_end_is_told(yard, tmp_path):
 
 def test_one_that_gives_up_is_no_success(yard, tmp_path):
     yard.write_text(WORLD.replace("[1.0, 0.05]", "[9, 9]") + "duration = 0.3\n", encoding="utf-8")
-    assert run("navigate", yard, "--out", tmp_path)[0] == 1
+    assert run("navigate", yard, "--output", tmp_path)[0] == 1
 
 
 @pytest.mark.parametrize(
     ("words", "reported"),
     [
         (["--planner", "magic"], "--planner"),
-        (["--budget", "-3"], "--budget"),
+        (["--settling-budget", "-3"], "--settling-budget"),
     ],
 )
 def test_bad_words_are_refused(yard, tmp_path, words, reported):
-    code, said = run("navigate", yard, "--out", tmp_path, *words)
+    code, said = run("navigate", yard, "--output", tmp_path, *words)
     assert code == 2
     assert reported in said
 
 
 def test_a_bad_world_is_told_with_its_field(yard, tmp_path):
     yard.write_text(WORLD.replace("radius = 0.3", "radius = -1"), encoding="utf-8")
-    code, said = run("navigate", yard, "--out", tmp_path)
+    code, said = run("navigate", yard, "--output", tmp_path)
     assert code == 2
     assert "discs[0].radius" in said

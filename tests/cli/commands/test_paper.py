@@ -11,7 +11,7 @@ from torch_free import forget_torch
 def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     pytest.importorskip("ann_dc.plotting")
     forget_torch(monkeypatch)
-    code, text = run("paper", "--out", tmp_path)
+    code, text = run("paper", "--output", tmp_path)
     assert code == 0
     data = strict(tmp_path / "result.json")
     assert data["corrected D=1"]["objective"] == pytest.approx(398.6315, abs=1e-3)
@@ -46,5 +46,5 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
 def test_a_file_is_no_output_folder(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("kept")
-    code, text = run("paper", "--out", blocked)
+    code, text = run("paper", "--output", blocked)
     assert (code, "cannot be written" in text) == (2, True)

@@ -25,7 +25,7 @@ def test_a_yield_may_be_of_resistors_that_exist(tmp_path):
     for series in ("exact", "E96-pairs", "E12"):
         file = tmp_path / f"{series}.json"
         words = "--level", "opa192_ad734", "--yield", "error<50%", "--samples", "5"
-        code, text = run(*QUICK, *words, "--resistors", series, "--json", file)
+        code, text = run(*QUICK, *words, "--series", series, "--json", file)
         assert code == 0
         assert (series == "E12") == ("E12, with their tolerances on top" in text)
         medians.append(np.median(strict(file)["yield"]["errors"]))
@@ -51,7 +51,7 @@ def test_every_question_may_be_of_resistors_that_exist(question, figure, tmp_pat
     found = {}
     for series in ("exact", "E12"):
         file = tmp_path / "found.json"
-        words = "--level", "opa192_ad734", "--resistors", series, "--json", file
+        words = "--level", "opa192_ad734", "--series", series, "--json", file
         _, text = run(*QUICK, *question, *words)
         assert (series == "E12") == ("E12" in text)
         found[series] = figure(strict(file))
@@ -128,7 +128,7 @@ def test_several_questions_are_answered_together():
     ("words", "meaning"),
     [
         (["--yield", "errr<1%"], "--yield: expected terms"),
-        (["--yield", "error<1%", "--budget", "3"], "--budget: belongs to one circuit"),
+        (["--yield", "error<1%", "--error-budget", "3"], "--error-budget: belongs to one circuit"),
         (["--yield", "error<1%", "--seed", "0"], "--seed: --yield and --trim draw circuits"),
         (["--trim", "error<5%", "--seed", "1"], "--seed: --yield and --trim draw circuits"),
         (["--trim", "error<1%", "--loops", "1"], "--loops: belongs to one circuit"),
@@ -138,7 +138,7 @@ def test_several_questions_are_answered_together():
         (["--trim", "everything"], "--trim: expected terms"),
         (["--dac", "0"], "--dac"),
         (["--yield", "error<1%", "--samples", "0"], "--samples"),
-        (["--spot", "3"], "--spot: is about drawn circuits"),
+        (["--simulate-samples", "3"], "--simulate-samples: is about drawn circuits"),
     ],
 )
 def test_questions_without_an_answer_are_refused(words, meaning):
@@ -148,7 +148,7 @@ def test_questions_without_an_answer_are_refused(words, meaning):
 def test_drawn_circuits_in_ngspice_need_one_before_the_design(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("ann_dc.cli.arguments.building.design", None)
-    refused([*QUICK, "--yield", "stable", "--spot", "1"], "ngspice")
+    refused([*QUICK, "--yield", "stable", "--simulate-samples", "1"], "ngspice")
 
 
 # ---- circuits that do not settle -----------------------------------------------------------------

@@ -50,13 +50,14 @@ def leak(tmp_path):
     "level", [None, pytest.param("macro", marks=[needs_ngspice])], ids=["ode", "circuit"]
 )
 def test_oscillator_runs_for_its_duration_and_writes_files(tmp_path, van_der_pol, level):
-    figure, curves, result = (tmp_path / name for name in ("a.svg", "a.npz", "a.json"))
-    words = ["--duration", 4 * PERIOD, "--figure", figure, "--curves", curves, "--json", result]
+    curves, result = tmp_path / "a.npz", tmp_path / "a.json"
+    files = ["--figures", tmp_path, "--trajectory", curves, "--json", result]
+    words = ["--duration", 4 * PERIOD, *files]
     code, text = run("run", van_der_pol, *words, *(["--level", level] if level else []))
     assert code == 0, text
     assert "completed" in text
     assert text.count("wrote ") == 3
-    assert "<svg" in figure.read_text(encoding="utf-8")
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
     found = strict(result)
     assert found["outcome"] == "completed"
     assert found["settling_time"] is None
@@ -82,7 +83,7 @@ def test_oscillator_without_duration_is_told_to_give_one(van_der_pol):
 
 
 def test_oscillator_is_exported_for_a_duration(tmp_path, van_der_pol):
-    words = ["export", van_der_pol, "--to", "pack", "--duration", 20, "--out", tmp_path / "out"]
+    words = ["export", van_der_pol, "--to", "pack", "--duration", 20, "--output", tmp_path / "out"]
     assert run(*words)[0] == 0
     assert (tmp_path / "out" / "pack" / "export.json").is_file()
 
@@ -107,7 +108,7 @@ def test_settled_network_reports_settling_time_and_end_values(tmp_path, leak):
 @needs_ngspice
 def test_settled_network_runs_as_a_circuit(tmp_path, leak):
     result = tmp_path / "a.json"
-    words = ["--bandwidth-margin", 1000, "--figure", tmp_path / "a.png", "--json", result]
+    words = ["--bandwidth-margin", 1000, "--figures", tmp_path, "--json", result]
     code, text = run("run", leak, "--level", "MACRO", *words)
     assert code == 0, text
     assert "controls within 0.1 % after" in text
@@ -119,9 +120,9 @@ def test_settled_network_runs_as_a_circuit(tmp_path, leak):
 
 def test_designed_network_runs_from_a_folder(tmp_path):
     ann_dc.save(designed("double_integrator").network, tmp_path / "a.npz")
-    assert run("export", tmp_path / "a.npz", "--out", tmp_path / "out", "--quiet")[0] == 0
-    assert run("run", tmp_path / "out" / "weights", "--figure", tmp_path / "a.pdf")[0] == 0
-    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+    assert run("export", tmp_path / "a.npz", "--output", tmp_path / "out", "--quiet")[0] == 0
+    assert run("run", tmp_path / "out" / "weights", "--figures", tmp_path / "new")[0] == 0
+    assert (tmp_path / "new" / "run.png").is_file()
 
 
 BAD = {
@@ -134,7 +135,7 @@ BAD = {
     "input": (["--input", "force=1"], "'force' does not exist"),
     "count": (["--input", "load=1,2"], "--input load: expected 1 or 20 numbers, got '1,2'"),
     "number": (["--input", "load=x"], "--input load: expected a finite number, got 'x'"),
-    "curves": (["--curves", "a.xlsx"], "curves are written as .csv or .npz"),
+    "curves": (["--trajectory", "a.xlsx"], "name that ends in .csv, .npz or .parquet"),
 }
 
 
@@ -154,7 +155,9 @@ def test_an_input_follows_the_column_of_a_file(leak, tmp_path):
     """x' = load - x, with a load that rises by one a unit of time: x lags by one."""
     (tmp_path / "load.csv").write_text("time,force\n0,0.5\n30,30.5\n")
     words = "--input", f"load={tmp_path / 'load.csv'}:force", "--duration", "30"
-    code, _ = run("run", leak, *words, "--curves", tmp_path / "out.csv", "--json", tmp_path / "a")
+    code, _ = run(
+        "run", leak, *words, "--trajectory", tmp_path / "out.csv", "--json", tmp_path / "a"
+    )
     assert code == 0
     end = np.genfromtxt(tmp_path / "out.csv", delimiter=",", names=True)[-1]
     assert end["x0"] == pytest.approx(29.5, abs=1e-4)

@@ -28,7 +28,7 @@ def file(tmp_path):
 
 def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
     out, table = tmp_path / "out", tmp_path / "chips.csv"
-    code, said = run("study", file, "--out", out, "--workers", "0", "--csv", table)
+    code, said = run("study", file, "--output", out, "--workers", "0", "--csv", table)
     assert code == 0
     assert "chips: 8 of 8 points" in said
     assert "settled 8 100.0%" in said
@@ -38,7 +38,7 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
     with table.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["point"] for row in rows] == [str(n) for n in range(8)]
-    code, said = run("study", file, "--out", out, "--workers", "0")
+    code, said = run("study", file, "--output", out, "--workers", "0")
     assert (code, "8 of 8" in said) == (0, True)
     code, said = run("study", out, "--point", "5")
     assert code == 0
@@ -48,7 +48,7 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
 def test_points_that_fail_are_told_by_the_code(file, tmp_path):
     negative = "[0.02]\nnonideal.time_constants = [0.0, 3.0]"  # some are drawn below zero
     file.write_text(STUDY.replace("[0.0, 0.02]", negative), encoding="utf-8")
-    code, said = run("study", file, "--out", tmp_path / "out", "--workers", "0")
+    code, said = run("study", file, "--output", tmp_path / "out", "--workers", "0")
     assert code == 1
     assert "failed 4 50.0%" in said
 
@@ -56,28 +56,28 @@ def test_points_that_fail_are_told_by_the_code(file, tmp_path):
 def test_samples_of_nothing_random_are_refused(file, tmp_path):
     file.write_text(STUDY.replace("[0.0, 0.02]", "[0.0]"), encoding="utf-8")
     said = "samples: nothing in this study is random, so 4 samples would be 4 equal rows"
-    refused(("study", file, "--out", tmp_path / "out"), said)
+    refused(("study", file, "--output", tmp_path / "out"), said)
 
 
 def test_what_can_be_varied_and_measured():
-    code, said = run("study", "double_integrator", "--settings")
+    code, said = run("study", "double_integrator", "--list-settings")
     assert code == 0
     for word in ("input.", "q_d.x", "nonideal.", "mismatch", "predicted_settling_time"):
         assert word in said
 
 
 def test_bad_input_is_told(file, tmp_path):
-    refused(["study", file], "--out: is missing")
-    refused(["study", tmp_path / "none.toml", "--out", tmp_path], "none.toml")
+    refused(["study", file], "--output: expected a folder for the records")
+    refused(["study", tmp_path / "none.toml", "--output", tmp_path], "none.toml")
     refused(["study", file, "--point", "8"], "there are 8 points")
     refused(["study", tmp_path, "--point", "1"], "study.sqlite")
     refused(["study", file, "--point", "1", "--csv", tmp_path / "a.csv"], "leave out --point")
-    refused(["study", "kar", "--settings"], "did you mean car")
-    run("study", file, "--out", tmp_path / "out", "--workers", "0")
+    refused(["study", "kar", "--list-settings"], "did you mean car")
+    run("study", file, "--output", tmp_path / "out", "--workers", "0")
     file.write_text(STUDY.replace("0.02", "0.03"), encoding="utf-8")
-    refused(["study", file, "--out", tmp_path / "out", "--workers", "0"], "another study")
+    refused(["study", file, "--output", tmp_path / "out", "--workers", "0"], "another study")
     file.write_text(STUDY + "settling_time = [3, 2]\n", encoding="utf-8")
-    refused(["study", file, "--out", tmp_path / "new"], "is empty")
+    refused(["study", file, "--output", tmp_path / "new"], "is empty")
 
 
 def test_a_scheduler_that_does_not_answer(file, tmp_path, monkeypatch):
@@ -87,5 +87,5 @@ def test_a_scheduler_that_does_not_answer(file, tmp_path, monkeypatch):
         raise OSError(f"timed out trying to connect to {address} for {timeout}")
 
     monkeypatch.setattr(distributed, "Client", client)
-    words = ["study", file, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"]
+    words = ["study", file, "--output", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"]
     refused(words, "no scheduler answers at tcp://127.0.0.1:1")

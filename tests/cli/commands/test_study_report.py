@@ -36,7 +36,7 @@ def test_the_page_of_a_study_lies_in_its_folder_or_where_it_is_asked_for(study, 
     assert "Settling of the car on drawn parts" in page
     assert f"ann-dc study {study} --point" in page
     assert "residuals over time" in page
-    code, text = run("report", study, "--out", tmp_path / "new" / "page.html", "--quiet")
+    code, text = run("report", study, "--output", tmp_path / "new" / "page.html", "--quiet")
     assert (code, text) == (0, "")
     assert (tmp_path / "new" / "page.html").read_text(encoding="utf-8") == page
 
@@ -44,7 +44,7 @@ def test_the_page_of_a_study_lies_in_its_folder_or_where_it_is_asked_for(study, 
 def test_what_is_no_study_is_told(tmp_path, study):
     refused(["report", tmp_path / "nowhere"], "nowhere")
     refused(["report", tmp_path], str(tmp_path))
-    refused(["report", study, "--out", ROOT], "is a folder")
+    refused(["report", study, "--output", ROOT], "is a folder")
     assert not (study / "report.html").exists()
 
 

@@ -224,7 +224,7 @@ def test_answers_that_float64_does_not_settle_are_refused(monkeypatch, bits, adv
     assert ", 0 wrong, 1 unconfirmed, " in str(refusal.value)
     assert "(wanted 0.001), but in the ranges" in str(refusal.value)
     assert "(expected none unconfirmed)" in str(refusal.value)
-    assert "or design the network for them first (--over)" in str(refusal.value)
+    assert "or design the network for them first (--range)" in str(refusal.value)
     assert "accuracy" not in str(refusal.value)
 
 
