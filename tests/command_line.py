@@ -49,3 +49,9 @@ def refused(words, meaning):
     assert code == 2
     assert meaning in text
     assert "Traceback" not in text
+
+
+def printed_json(*words):
+    """Return exit code and data of a command whose only output is JSON."""
+    code, text = run(*words, "--json", "-")
+    return code, json.loads(text)

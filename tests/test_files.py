@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import tracemalloc
+from pathlib import Path
 
 import pytest
 
@@ -239,3 +240,36 @@ def test_a_file_that_is_removed_meanwhile_is_made_again(tmp_path, monkeypatch):
     with pytest.raises(OutputError):
         Lock(file)
     first.release()
+
+
+def test_write_folder_replace_swaps_the_whole_folder(tmp_path):
+    place = tmp_path / "place"
+    place.mkdir()
+    (place / "old.txt").write_bytes(b"old")
+    write_folder(place, FILES, replace=True)
+    assert {file.name for file in place.iterdir()} == set(FILES)
+    assert [*tmp_path.iterdir()] == [place]
+
+
+def test_write_folder_replace_keeps_the_old_folder_if_the_new_one_fails(tmp_path, monkeypatch):
+    place = tmp_path / "place"
+    write_folder(place, {"old.txt": b"old"})
+    rename = Path.rename
+
+    def failing(self, target):
+        if (self / "new.txt").exists():
+            raise OSError("no space")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_folder(place, {"new.txt": b"new"}, replace=True)
+    assert [file.name for file in place.iterdir()] == ["old.txt"]
+    assert [*tmp_path.iterdir()] == [place]
+
+
+def test_write_folder_replace_refuses_a_file(tmp_path):
+    (tmp_path / "file").write_bytes(b"kept")
+    with pytest.raises(OutputError, match="exists already"):
+        write_folder(tmp_path / "file", FILES, replace=True)
+    assert (tmp_path / "file").read_bytes() == b"kept"

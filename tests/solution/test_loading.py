@@ -144,3 +144,21 @@ def test_a_design_without_its_network_is_refused(tmp_path):
     save_result(tmp_path / "part", {"network": solution.network}, records)
     with pytest.raises(FileFormatError, match="unknown design"):
         ann_dc.load_solution(tmp_path / "part")
+
+
+def test_save_overwrite_replaces_a_saved_solution_only(tmp_path):
+    solution = SOLVED["gains by hand"]()
+    solution.save(tmp_path / "saved")
+    with pytest.raises(OutputError, match="give overwrite=True or --overwrite"):
+        solution.save(tmp_path / "saved")
+    (tmp_path / "saved" / "SHA256SUMS").unlink()
+    solution.save(tmp_path / "saved", overwrite=True)
+    assert ann_dc.load_solution(tmp_path / "saved").verdict == solution.verdict
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "manifest.json").write_text('{"format": "another"}')
+    (tmp_path / "file").write_text("kept")
+    for name in ("other", "file"):
+        with pytest.raises(OutputError, match="it is not a saved solution"):
+            solution.save(tmp_path / name, overwrite=True)
+    assert (tmp_path / "file").read_text() == "kept"
+    assert [file.name for file in (tmp_path / "other").iterdir()] == ["manifest.json"]

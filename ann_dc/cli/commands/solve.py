@@ -59,7 +59,10 @@ class SolutionFiles:
     )
 
     def make_room(self) -> None:
-        """Check before a long run that all requested files can be written."""
+        """Check before a long run that all requested files can be written.
+
+        Raises `OutputError` otherwise.
+        """
         if self.weights is not None and self.weights.suffix not in NETWORKS:
             raise OutputError(
                 f"--weights: expected a name that ends in {' or '.join(NETWORKS)}, got "

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from command_line import CIRCUIT, QUICK, ROOT, refused, run, strict
+from command_line import CIRCUIT, QUICK, ROOT, printed_json, refused, run, strict
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
@@ -407,3 +407,10 @@ def test_a_preconditioner_that_cannot_be_built_is_told(arguments, sentence):
     code, text = run(*CIRCUIT, "--no-simulate", *arguments)
     assert code == 2
     assert sentence in " ".join(text.split())
+
+
+def test_circuit_json_dash_prints_only_json(tmp_path):
+    code, data = printed_json(*CIRCUIT, "--no-simulate", "--deck", tmp_path / "a.cir")
+    assert code == 0
+    assert data["problem"] == "double_integrator"
+    refused([*CIRCUIT, "--no-simulate", "--deck", "-"], "only --json can write to stdout")

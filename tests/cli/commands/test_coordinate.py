@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from command_line import COORDINATE, ROOT, refused, run, strict
+from command_line import COORDINATE, ROOT, printed_json, refused, run, strict
 
 from ann_dc.backends.settling import Settling
 
@@ -102,3 +102,8 @@ BAD = {
 @pytest.mark.parametrize(("words", "meaning"), BAD.values(), ids=BAD)
 def test_bad_input_is_told_in_a_sentence_with_code_2(words, meaning):
     refused(words, meaning)
+
+
+def test_coordinate_json_dash_prints_only_json():
+    code, data = printed_json(*COORDINATE, "--coordinator", "newton")
+    assert (code, data["certified"]) == (0, True)

@@ -3,7 +3,7 @@
 import sys
 
 import pytest
-from command_line import refused, run, strict
+from command_line import printed_json, refused, run, strict
 
 import ann_dc
 from ann_dc import solver
@@ -143,3 +143,10 @@ BAD = {
 @pytest.mark.parametrize(("words", "meaning"), BAD.values(), ids=BAD)
 def test_a_family_that_is_none_is_told_in_a_sentence_with_code_2(words, meaning):
     refused([*WORDS, *words], meaning)
+
+
+def test_design_json_dash_prints_only_json(tmp_path):
+    code, data = printed_json(*WORDS, "--diagnose", "--output", tmp_path)
+    assert code == 0
+    assert data == strict(tmp_path / "design.json")
+    assert data["diagnosis"]["advice"]

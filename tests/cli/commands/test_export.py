@@ -1,7 +1,7 @@
 """``ann-dc export`` and ``ann-dc inspect`` as one types them."""
 
 import pytest
-from command_line import refused, run
+from command_line import printed_json, refused, run
 from designs import designed
 
 import ann_dc
@@ -125,3 +125,12 @@ def test_export_notes_a_series_that_moves_the_controls(tmp_path):
     assert code == 0
     assert "note: level macro: circuit: its controls are predicted to be" in text
     assert "E96-pairs" in text
+
+
+def test_inspect_json_dash_prints_only_json(tmp_path):
+    assert run(*SMALL, "--to", "conductances,diagram", "--output", tmp_path)[0] == 0
+    code, data = printed_json("inspect", tmp_path)
+    assert code == 0
+    assert {each["kind"]: each["good"] for each in data} == dict.fromkeys(
+        ("conductances", "diagram"), True
+    )

@@ -1,7 +1,7 @@
 """Command ``ann-dc levels``: comparison of all model levels."""
 
 import pytest
-from command_line import QUICK, ROOT, refused, run, strict
+from command_line import QUICK, ROOT, printed_json, refused, run, strict
 from simulator import needs_ngspice
 
 from ann_dc.fidelity.level_comparison import ComparedLevel
@@ -37,6 +37,8 @@ def test_levels_compares_the_wanted_levels_and_writes_files(tmp_path, monkeypatc
     assert circuit["predicted_error"] == pytest.approx(circuit["error"], rel=0.05)
     assert circuit["power"] is None
     assert circuit["parts"]["op amps"] > 0
+    code, data = printed_json(*LEVELS, "--seed", "3")
+    assert (code, data["problem"]) == (0, "double_integrator")
 
 
 BAD = {

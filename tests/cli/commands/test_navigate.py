@@ -2,7 +2,7 @@
 
 import journeys
 import pytest
-from command_line import run
+from command_line import printed_json, run
 
 WORLD = """
 start = [0, 0, 0]
@@ -52,3 +52,10 @@ def test_a_bad_world_is_told_with_its_field(yard, tmp_path):
     code, said = run("navigate", yard, "--output", tmp_path)
     assert code == 2
     assert "discs[0].radius" in said
+
+
+def test_navigate_json_dash_prints_only_json(yard, tmp_path):
+    code, data = printed_json("navigate", yard, "--output", tmp_path)
+    assert code == 0
+    assert (data["arrived"], data["collided"], data["planner"]) == (True, False, "network")
+    assert len(data["q"][0]) == len(data["u"][0]) + 1

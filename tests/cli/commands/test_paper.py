@@ -11,8 +11,10 @@ from torch_free import forget_torch
 def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     pytest.importorskip("ann_dc.plotting")
     forget_torch(monkeypatch)
-    code, text = run("paper", "--output", tmp_path)
+    file = tmp_path / "new" / "paper.json"
+    code, text = run("paper", "--output", tmp_path, "--json", file)
     assert code == 0
+    assert file.read_bytes() == (tmp_path / "result.json").read_bytes()
     data = strict(tmp_path / "result.json")
     assert data["corrected D=1"]["objective"] == pytest.approx(398.6315, abs=1e-3)
     assert data["corrected D=0.5"]["objective"] == pytest.approx(368.1893, abs=1e-3)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from command_line import refused, run, strict
+from command_line import printed_json, refused, run, strict
 from designs import designed
 from simulator import needs_ngspice
 
@@ -163,3 +163,8 @@ def test_an_input_follows_the_column_of_a_file(leak, tmp_path):
     assert end["x0"] == pytest.approx(29.5, abs=1e-4)
     refused(["run", leak, "--input", f"load={tmp_path / 'load.csv'}:mass"], "'mass' does not exist")
     refused(["run", leak, "--input", f"load={tmp_path / 'load.csv'}:force"], "duration")
+
+
+def test_run_json_dash_prints_only_json(leak):
+    code, data = printed_json("run", leak)
+    assert (code, data["outcome"]) == (0, "settled")

@@ -3,7 +3,7 @@
 import csv
 
 import pytest
-from command_line import refused, run
+from command_line import printed_json, refused, run
 
 STUDY = """
 title = "chips"
@@ -89,3 +89,16 @@ def test_a_scheduler_that_does_not_answer(file, tmp_path, monkeypatch):
     monkeypatch.setattr(distributed, "Client", client)
     words = ["study", file, "--output", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"]
     refused(words, "no scheduler answers at tcp://127.0.0.1:1")
+
+
+def test_study_json_dash_prints_only_json(file, tmp_path):
+    code, data = printed_json("study", file, "--output", tmp_path / "out", "--workers", "0")
+    assert code == 0
+    assert data["outcomes"] == {"settled": 8}
+    assert (data["yield"]["share"], data["yield"]["passed"], data["cases"]) == (0.5, 4, 8)
+    assert data["metrics"]["settling_time"]["nan"] == 0
+    code, record = printed_json("study", file, "--point", 5)
+    assert (code, record["point"]) == (0, 5)
+    code, known = printed_json("study", "car", "--list-settings")
+    assert code == 0
+    assert "settling_time" in known["metrics"]
