@@ -61,7 +61,7 @@ _MUCH_FASTER = 1.5
 DEARER = 1e-4
 """Cost increase of an admissible other settled point, relative to the cost of the first."""
 
-_NEAR_LIMIT = 6.0
+NEAR_LIMIT = 6.0
 """Stiffness ratio, three times the limit of 2, below which no slower kind is compared."""
 
 
@@ -118,7 +118,7 @@ class Choice:
         found = ()
         for kind in self._useful():
             found = self._tried_out(settled, (*found, *self._compared(settled, kind)))
-            if found and found[0].settling < np.inf and found[0].ratio < _NEAR_LIMIT:
+            if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
                 break
         if not found:  # the only kind that is allowed has no preconditioner here: let it say why
             return (candidate_of(settled, self.gain_rule or GAIN_RULES[self.kinds[0]], 1.0),)

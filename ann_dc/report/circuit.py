@@ -75,7 +75,8 @@ class CircuitReport:
     def tables(self) -> list[Table]:
         """Return the tables to print."""
         behaviour = waveform_rows(self.found) if self.found.moves else self._behaviour()
-        tables = [named_rows(self._circuit() | behaviour | self._errors())]
+        first = {self._goal: behaviour.pop(self._goal)} if self._goal in behaviour else {}
+        tables = [named_rows(first | self._circuit() | behaviour | self._errors())]
         if self.problem is None and self.found.run is not None:
             tables.append(neuron_table(neuron_values(self.found.run)))
         tables += [self._budget()] if self.found.items else []
@@ -140,13 +141,12 @@ class CircuitReport:
         }
 
     def _preconditioner(self) -> dict[str, object]:
-        """Return the wire requirements of the preconditioner, or why they are unknown.
-
-        The row is omitted for preconditioners without wires.
-        """
+        """Return the preconditioner with the demand on its wires, or why that is unknown."""
+        kind = self.found.circuit.schematic.network.preconditioner.kind
+        rows: dict[str, object] = {"preconditioner": kind.value}
         if self.found.undemanded:
-            return {"preconditioner": f"no demand on its wires is told: {self.found.undemanded}"}
-        return {} if self.found.demand is None else {"preconditioner": self.found.demand}
+            return rows | {"wires": f"demand unknown: {self.found.undemanded}"}
+        return rows if self.found.demand is None else rows | {"wires": self.found.demand}
 
     def _values(self) -> str:
         """Return the ranges of resistors and capacitors."""
@@ -230,7 +230,7 @@ class CircuitReport:
     @property
     def _goal(self) -> str:
         """Name of the row with the verdict."""
-        return "near equilibrium" if self.problem is None else "near optimum"
+        return f"within 1 % of {'equilibrium' if self.problem is None else 'optimum'}"
 
     def _drawn_with(self) -> str:
         if self.backend.seed is None:

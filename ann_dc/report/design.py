@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ from rich.table import Table
 from ann_dc import plotting
 from ann_dc.diagnosis import Diagnosis
 from ann_dc.families.family_design import FamilyDesign
+from ann_dc.gain_design.choice import NEAR_LIMIT
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import picked, write_results
@@ -25,29 +28,54 @@ SHOWN = 12
 """Number of candidates in the table, fastest first."""
 
 
-def candidate_table(design: Design) -> Table:
-    """Return a table of the compared candidates, fastest first; the best is marked."""
-    shown = table(
-        "preconditioner", "rho", "ratio", "from the start (fastest time constants)", dense=True
-    )
+def candidate_table(design: Design, requested: Sequence[PreconditionerKind] = ALL_KINDS) -> Table:
+    """Return a table of the compared candidates, fastest first; the selected one is marked.
+
+    Requested kinds that were not evaluated are listed with the reason.
+    """
+    shown = table("preconditioner", "rho", "stiffness ratio", "settling (tau_min)", dense=True)
     for candidate in design.candidates[:SHOWN]:
-        frozen = " (frozen)" if candidate is design.best else ""
+        selected = " (selected)" if candidate is design.best else ""
         shown.add_row(
-            candidate.gain_rule.kind.value + frozen,
+            candidate.gain_rule.kind.value + selected,
             span(_penalties(design, candidate)),
             f"{candidate.ratio:.3g}",
             _settling(candidate),
         )
     if len(design.candidates) > SHOWN:
-        shown.add_row(f"and {len(design.candidates) - SHOWN} slower ones", "", "", "")
+        shown.add_row(f"{len(design.candidates) - SHOWN} slower candidates", "", "", "")
+    evaluated = {candidate.kind for candidate in design.candidates}
+    others: dict[str, list[str]] = {}
+    for kind in requested:
+        if kind not in evaluated:
+            others.setdefault(_reason(design, kind, requested), []).append(kind.value)
+    lines = [f"not evaluated: {', '.join(kinds)} ({reason})" for reason, kinds in others.items()]
+    shown.caption, shown.caption_justify = "\n".join(lines) or None, "left"
     return shown
+
+
+def _reason(
+    design: Design, kind: PreconditionerKind, requested: Sequence[PreconditionerKind]
+) -> str:
+    """Return the reason for which a kind was not evaluated."""
+    best = design.best
+    if kind.is_stiffness and design.network.cell.objectives:
+        return "objectives couple all stages"
+    if kind.is_stiffness and not design.first.settled:
+        return "needs a settled first run"
+    grid = PreconditionerKind.RESISTIVE_GRID
+    if kind is PreconditionerKind.CYCLIC_REDUCTION and grid in requested:
+        return f"represented by the {grid.value}"
+    if best.settling < np.inf and best.ratio < NEAR_LIMIT:
+        return f"the {best.kind.value} is within a factor {NEAR_LIMIT / 2:g} of the limit"
+    return "cannot be built for this network"
 
 
 def _settling(candidate: Candidate) -> str:
     """Return the result of a trial run; only potentially fastest candidates have one."""
     if np.isnan(candidate.settling):
-        return "not tried"
-    return f"{candidate.settling:.0f}" if candidate.settling < np.inf else "not, or later"
+        return "no trial run"
+    return f"{candidate.settling:.0f}" if candidate.settling < np.inf else "not settled or slower"
 
 
 def write_design(

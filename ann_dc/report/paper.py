@@ -20,14 +20,14 @@ printed:        equations (16), (17) to the letter: rho = 0 and unit time consta
 designed gains: the same with the gains of the corrected network; rho is no part of the letter.
 without dB/dq:  corrected but for one term of (11), S3; the straight path of Figure 4.
 plain:          the equations that hold, with rho = 0 and unit time constants.
-Time constants are those of the settling: unit ones (tau = 1), and the network's fastest."""
+Settling times are in unit time constants (tau = 1), and in tau_min, the fastest time constant."""
 
 
 def paper_table(runs: list[PaperRun]) -> Table:
     """Return a table of objective, residuals, settling and outcome of every run."""
     shown = table(
-        "run", "objective", "KKT\nresidual", "roll-out\nerror", "unit time\nconstants",
-        "fastest\ntime\nconstants", "what happened", dense=True,
+        "run", "objective", "KKT\nresidual", "simulation\nerror", "unit time\nconstants",
+        "tau_min", "what happened", dense=True,
     )  # fmt: skip
     shown.columns[0].max_width = 9
     for column in shown.columns[1:6]:
@@ -61,7 +61,7 @@ def _around_text(case: Around) -> str:
         f"{case.room(segments):.3f} m along whole segments, {segments.u.shape[1]} stages; "
         f"obstacles as constraints of one network: {solution.status.outcome.value}, "
         f"{solution.verdict}, E = {solution.objective:.2f}, room {case.room(discs):.3f} m; "
-        f"roll-out errors {case.error(segments):.0e} and {case.error(discs):.0e}"
+        f"simulation errors {case.error(segments):.0e} and {case.error(discs):.0e}"
     )
 
 

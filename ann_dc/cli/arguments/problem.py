@@ -119,22 +119,19 @@ NOT_FINITE = re.compile(r"\b(infs?|nans?|finite|too big|too large|maximum)\b", r
 class ProblemOptions:
     """Options that describe a problem."""
 
-    problem: str = argument(
-        "Name of a plant (see: ann-dc plants) or a .toml file.", metavar="PROBLEM"
-    )
+    problem: str = argument("Plant (see ann-dc plants) or .toml file.", metavar="PROBLEM")
     settings: list[str] | None = option(
-        "Change a parameter of the plant: a number, or numbers with commas (D=0.5, "
-        "q_d=5,5,0,free). In a .toml problem: q_0, q_d, horizon, dt. In both: scale.x=1000, what a "
-        "network value of 1 stands for. Repeatable.",
+        "Parameter of the plant (D=0.5, q_d=5,5,0,free), q_0, q_d, horizon or dt of a .toml file, "
+        "or a scale (scale.x=1000). Repeatable.",
         "--set",
         metavar="NAME=VALUE",
     )
-    horizon: int | None = option("Number of stages N, each of dt seconds.", "--horizon", "-N")
+    horizon: int | None = option("Number of stages N, each of duration dt.", "--horizon", "-N")
     q_0: str | None = option(
-        "State at the start; 'free' leaves a component open.", "--q-0", metavar="NUMBERS"
+        "Initial state; free for an open component.", "--q-0", metavar="NUMBERS"
     )
     q_d: str | None = option(
-        "State at the end; 'free' leaves a component open.", "--q-d", metavar="NUMBERS"
+        "Terminal state; free for an open component.", "--q-d", metavar="NUMBERS"
     )
 
     @phase("problem")

@@ -20,8 +20,7 @@ DurationOption = Annotated[
     typer.Option(
         "--duration",
         metavar="T",
-        help="Network time of the run (unit time constants), for a network that need not settle: "
-        "an oscillator, chaos.",
+        help="Network time of the run (unit time constants), for a network that does not settle.",
         show_default="until it settles",
     ),
 ]
@@ -33,8 +32,8 @@ class NetworkOptions:
 
     duration: DurationOption = None
     inputs: list[str] | None = option(
-        "Value of a network's input in all cells, or N values with commas; or over time, as the "
-        "column of a CSV file with a column `time`: q_d.x=target.csv:x. Repeatable.",
+        "Input of the network: one value, N values (1,2,3), or a column of a CSV file with a "
+        "column `time` (target.csv:x). Repeatable.",
         "--input",
         metavar="NAME=VALUE",
     )

@@ -112,7 +112,7 @@ def design(
             progress("looking for the slowest modes")
             found = diagnosis.diagnose(designed) if diagnose and designed.settled else None
         written = write_design(declared, designed, found, output, json_file, progress)
-    shown = [str(designed), "", candidate_table(designed)]
+    shown = [str(designed), "", candidate_table(designed, allowed)]
     if found is not None:
         shown.append(f"\n{found}")
     elif diagnose:

@@ -35,8 +35,8 @@ def levels(
     circuits have ideal parts, every non-ideality of real parts alone, named
     parts with all non-idealities, and transistors. The last rows are solvers
     on this CPU. The error of the settled controls is relative to the largest
-    control. The settling time within 0.1 % is in us, the power in W and the
-    energy per solve in uJ.
+    control. The units are us (settling time to 0.1 %), W (power)
+    and uJ (energy per solve).
 
     Usage examples:
 

@@ -20,19 +20,18 @@ class PlaceOptions:
     """Temperature, supplies and process; comma-separated values with --corners."""
 
     temperature: str | None = _board_option(
-        "Degrees Celsius of the circuit, -55 to 150; with --corners several: -40,27,125.",
+        "Temperature (C), -55 to 150; with --corners several, for instance -40,27,125.",
         metavar="C",
         show_default="27",
     )
     supply: str | None = _board_option(
-        "Supplies over their nominal values, 0.5 to 1.5; rails follow them. With "
-        "--corners several: 0.9,1,1.1.",
-        metavar="SHARE",
+        "Supply voltage relative to nominal, 0.5 to 1.5; with --corners several (0.9,1,1.1).",
+        metavar="RATIO",
         show_default="1",
     )
     process: str | None = _board_option(
-        "Of transistors, n- and p-channel devices typical, slow or fast: tt, ss, ff, sf, "
-        "fs. With --corners several.",
+        "Process corner of n- and p-channel transistors: tt, ss, ff, sf or fs; with --corners "
+        "several.",
         metavar="CORNER",
         show_default="tt",
     )
@@ -51,7 +50,9 @@ class PlaceOptions:
         given = self._given()
         for name, values in given.items():
             if len(values) != 1:
-                raise ProblemError(f"--{name}: a circuit stands at one place; say --corners too")
+                raise ProblemError(
+                    f"--{name}: expected one value without --corners, got several; add --corners"
+                )
         return Conditions(**{name: value for name, (value,) in given.items()})
 
     def _given(self) -> dict[str, list]:
@@ -83,41 +84,40 @@ class BoardOptions:
     """Analyses; any of them replaces the simulation of one circuit."""
 
     corners: bool = _board_option(
-        "A table over temperature, supplies and process instead: by emulation, of "
-        "transistors in ngspice.",
+        "Report the error over temperature, supply and process: by emulation, for transistors "
+        "in ngspice.",
         "--corners",
         default=False,
     )
 
     spec: str | None = _board_option(
-        "What share of circuits, drawn from the tolerances of the level's parts, keeps a "
-        "spec: error<1% (of the controls), settle<50us, stable, or several with commas. By "
-        "emulation; --samples says how many are drawn.",
+        "Report the fraction of drawn circuits that meet a specification: error<1%, settle<50us, "
+        "stable, or several (emulation of --samples circuits).",
         "--yield",
         metavar="SPEC",
     )
     simulate_samples: int = _board_option(
-        "With --yield: so many of the drawn circuits, best to worst, run in ngspice too.",
+        "Also simulate COUNT of the circuits of --yield in ngspice, from best to worst.",
         default=0,
         metavar="COUNT",
         min=0,
     )
 
     trim: str | None = _board_option(
-        "Which offsets and gains to trim, in which order, until 95 % of the circuits keep "
-        "error<1%; what to measure, and what remains after every step.",
+        "List the offsets and gains to trim, in order, until 95 % of the circuits meet a limit "
+        "such as error<1%.",
         metavar="SPEC",
     )
 
     dac: int | None = _board_option(
-        "What it costs that q_0 and q_d come from a converter of so many bits over both "
-        "full scales, and 1 us; also tells how the circuit starts cold.",
+        "Report the control error added by a BITS-bit DAC for q_0 and q_d with 1 us conversion "
+        "time, and the cold start.",
         metavar="BITS",
         min=1,
         max=32,
     )
     adc: int | None = _board_option(
-        "What it costs that u is read by a converter of so many bits, in 1 us.",
+        "Report the control error added by a BITS-bit ADC with 1 us conversion time.",
         metavar="BITS",
         min=1,
         max=32,
@@ -151,7 +151,7 @@ class BoardOptions:
         samples, or corners of the level named `level`, require ngspice.
         """
         if self.simulate_samples and self.spec is None:
-            raise ProblemError("--simulate-samples: is about drawn circuits; say --yield SPEC too")
+            raise ProblemError("--simulate-samples: needs drawn circuits; add --yield SPEC")
         if self.spec is not None:
             _read(self.spec, "--yield")
         if self.trim is not None and list(_read(self.trim, "--trim").limits) != ["error"]:

@@ -373,7 +373,7 @@ def test_where_a_demand_is_not_told_the_report_says_why(tmp_path, monkeypatch):
     arguments = "--no-simulate", "--preconditioner", "multilevel", "--json", tmp_path / "a.json"
     code, text = run(*CIRCUIT, *arguments)
     assert code == 0, text
-    assert "no demand on its wires is told: with" in " ".join(text.split())
+    assert "wires demand unknown: with" in " ".join(text.split())
     found = strict(tmp_path / "a.json")
     assert found["demand"] is None
     assert "neurons, above 10" in found["undemanded"]

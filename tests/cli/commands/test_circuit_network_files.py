@@ -43,7 +43,7 @@ def test_settling_network_is_compared_with_its_ode_and_its_prediction(tmp_path, 
     ]
     code, text = run("circuit", damped, *words)
     assert code == 0, text
-    for row in ("near equilibrium", "error of states", "1 V =", "x: ", "noise", "x[0] "):
+    for row in ("within 1 % of equilibrium", "error of states", "1 V =", "x: ", "noise", "x[0] "):
         assert row in text
     for word in ("optimum", "objective", "KKT", "problem"):
         assert word not in text
@@ -67,7 +67,7 @@ def test_oscillator_runs_for_its_duration_beside_its_emulation(tmp_path, oscilla
     code, text = run("circuit", oscillator, *words)
     assert code == 0, text
     assert "completed" in text
-    assert "near" not in text
+    assert "within 1 % of" not in text
     found = strict(result)
     exact = reference(van_der_pol(), 30.0)
     largest = np.abs(exact(np.linspace(0, 30, 3001))).max()

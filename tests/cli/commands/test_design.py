@@ -14,7 +14,14 @@ WORDS = ["design", "double_integrator", "-N", "5"]
 def test_a_design_tells_its_candidates():
     code, text = run(*WORDS)
     assert code == 0
-    for word in ("first run", "frozen with", "predicted", "preconditioner", "(frozen)"):
+    for word in (
+        "first run",
+        "frozen with",
+        "predicted",
+        "preconditioner",
+        "selected",
+        "(tau_min)",
+    ):
         assert word in text
     assert "why:" not in text
 

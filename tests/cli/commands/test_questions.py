@@ -138,7 +138,7 @@ def test_several_questions_are_answered_together():
         (["--trim", "everything"], "--trim: expected terms"),
         (["--dac", "0"], "--dac"),
         (["--yield", "error<1%", "--samples", "0"], "--samples"),
-        (["--simulate-samples", "3"], "--simulate-samples: is about drawn circuits"),
+        (["--simulate-samples", "3"], "--simulate-samples: needs drawn circuits"),
     ],
 )
 def test_questions_without_an_answer_are_refused(words, meaning):

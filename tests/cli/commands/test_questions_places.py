@@ -39,7 +39,7 @@ def test_one_circuit_stands_where_it_is_put():
     [
         (["--temperature", "300"], "-55 to 150 C"),
         (["--temperature", "warm"], "--temperature: expected a finite number"),
-        (["--temperature", "20,30"], "stands at one place"),
+        (["--temperature", "20,30"], "expected one value without --corners"),
         (["--supply", "3"], "supply: expected 0.5 to 1.5"),
         (["--process", "xx"], "expected one of tt, ss, ff, sf, fs"),
         (["--process", "ss"], "know no corner"),
