@@ -162,15 +162,15 @@ class Design:
         return "\n".join(
             [
                 f"first run      {_ending(self.first)}{ended}",
-                f"frozen with    {self.best}",
+                f"selected       {self.best}",
                 *([f"starts from    {self.start}"] if self.start else []),
-                f"because        {self.reason}",
+                f"reason         {self.reason}",
                 f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
                 f"(rho* = {self.rho_star:.3g})",
                 f"spectrum       radius {self.spectrum.radius:.3g}, "
                 f"abscissa {self.spectrum.abscissa:.3g}",
                 f"predicted      settling to 1e-6 in {predicted * self.spectrum.radius:.0f} "
-                f"fastest time constants = {predicted:.3g} unit time constants",
+                f"tau_min (fastest time constant) = {predicted:.3g} unit time constants",
             ]
         )
 

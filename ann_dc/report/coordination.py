@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from rich.table import Table
+from rich.console import Group
 from rich.text import Text
 
 from ann_dc.backends.status import Outcome
 from ann_dc.problem.step_length import mean_length
 from ann_dc.report.json_file import picked
-from ann_dc.report.tables import named_rows, unit_list, verdict_text
+from ann_dc.report.tables import headline, indented, named_rows, unit_list
 from ann_dc.si_prefixes import counted
 from ann_dc.two_level.coordination import Coordination, Undesigned
 
@@ -26,29 +26,30 @@ LEVELS = {
 """Descriptions of the upper and lower levels."""
 
 
-def coordination_table(found: Coordination | Undesigned) -> Table | Text:
-    """Return the table that ``ann-dc coordinate`` prints."""
+def coordination_report(found: Coordination | Undesigned) -> Group | Text:
+    """Return the report that ``ann-dc coordinate`` prints: result, iterations, checks, settings."""
     if isinstance(found, Undesigned):
         return Text(found.message, "red")
     certificate = found.certificate
-    return named_rows(
+    rows = named_rows(
         {
+            "objective": f"{certificate.objective:.10g} {found.problem.cost_unit}".rstrip(),
+            "outer iterations": _needed(found),
+            **_predicted(found),
+            "inner steps": _inner(found),
+            "status": found.message,
+            "KKT residual": f"{certificate.kkt_residual:.1e}, relative, in natural scales",
+            "Theta (19)": _theta(found),
+            "Theorem IV.1": _following(found),
+            "Theorem IV.2": found.hypothesis,
             "problem": found.problem,
             "units": unit_list(found.problem),
             "coordinator": LEVELS[found.coordinator] + _gains(found),
             "lower level": LEVELS[found.lower],
-            "Theorem IV.1": _following(found),
-            "Theorem IV.2": found.hypothesis,
-            "status": found.message,
-            "certified": verdict_text(found.certified, found.verdict),
-            "objective": f"{certificate.objective:.10g} {found.problem.cost_unit}".rstrip(),
-            "KKT residual": f"{certificate.kkt_residual:.1e}, relative, in natural scales",
-            "outer iterations": _needed(found),
-            **_predicted(found),
-            "inner steps": _inner(found),
-            "Theta (19)": _theta(found),
         }
     )
+    verdict = f"{'' if found.certified else 'not '}certified: {found.verdict}"
+    return Group(headline(found.problem.name, verdict, found.certified), indented(rows))
 
 
 def _gains(found: Coordination) -> str:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Group
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -20,7 +19,7 @@ from ann_dc.gain_design.neighbourhood import neighbourhood
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
-from ann_dc.report.tables import named_rows, printable, span, table, unit_list
+from ann_dc.report.tables import headline, indented, named_rows, span, table, unit_list
 from ann_dc.solution.solution import Solution
 from ann_dc.weights.network_file import save as save_network
 
@@ -71,14 +70,10 @@ def solution_report(
         "equations": solution.equations.form,
         **_gains(solution),
     }
-    parts = [_headline(solution), _indented(named_rows(rows))]
+    parts = [_headline(solution), indented(named_rows(rows))]
     if stages is not Stages.NONE:
-        parts += ["", _indented(stage_table(solution, stages))]
+        parts += ["", indented(stage_table(solution, stages))]
     return Group(*parts)
-
-
-def _indented(shown: Table) -> Padding:
-    return Padding(shown, (0, 0, 0, 2), expand=False)
 
 
 def _headline(solution: Solution) -> Text:
@@ -89,8 +84,7 @@ def _headline(solution: Solution) -> Text:
         if solution.certified
         else f"not certified: {solution.verdict}"
     )
-    colour = "green" if solution.certified else "red"
-    return Text.assemble((f"{printable(solution.problem.name)}: ", "bold"), (verdict, colour))
+    return headline(solution.problem.name, verdict, solution.certified)
 
 
 def stage_table(solution: Solution, stages: Stages = Stages.SHORT) -> Table:

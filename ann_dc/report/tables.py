@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rich import box
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -32,6 +33,17 @@ def named_rows(rows: Mapping[str, object]) -> Table:
     for name, value in rows.items():
         shown.add_row(name, value if isinstance(value, Text) else Text(printable(str(value))))
     return shown
+
+
+def indented(shown: Table) -> Padding:
+    """Return a table that is indented below a headline."""
+    return Padding(shown, (0, 0, 0, 2), expand=False)
+
+
+def headline(name: str, result: str, good: bool) -> Text:
+    """Return the name of a problem and its result in one line, in the colour of the result."""
+    colour = "green" if good else "red"
+    return Text.assemble((f"{printable(name)}: ", "bold"), (result, colour))
 
 
 def printable(text: str) -> str:

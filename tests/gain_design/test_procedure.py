@@ -141,7 +141,7 @@ def test_design_says_what_it_did():
     found = designed("car")
     text = str(found)
     assert text.startswith("first run      settled in ")
-    for word in ("frozen with", f"rho* = {found.rho_star:.3g}", "radius", "abscissa", "predicted"):
+    for word in ("selected", f"rho* = {found.rho_star:.3g}", "radius", "abscissa", "predicted"):
         assert word in text
 
 

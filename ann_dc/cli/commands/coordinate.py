@@ -73,7 +73,7 @@ def coordinate(
         make_room(json_file)
 
         from ann_dc.backends.settling import Settling
-        from ann_dc.report.coordination import as_dict, coordination_table
+        from ann_dc.report.coordination import as_dict, coordination_report
         from ann_dc.two_level import coordination
 
         settling = Settling(tolerance=tolerance)
@@ -89,7 +89,7 @@ def coordinate(
                 progress=progress,
             )
         written = write_results(as_dict(found), json_file)
-    finish([coordination_table(found)], written, quiet=quiet, code=0 if found.certified else 1)
+    finish([coordination_report(found)], written, quiet=quiet, code=0 if found.certified else 1)
 
 
 def _check_tolerance(tolerance: float) -> None:

@@ -70,7 +70,7 @@ def test_coordinate_that_is_not_done_is_told_with_code_1(tmp_path, options):
     code, text = run(*COORDINATE, *options, "--max-iterations", 9, "--json", file)
     assert code == 1
     assert "not settled after 9 outer iterations" in text
-    assert "no: the two levels did not settle" in text
+    assert "not certified: the two levels did not settle" in text
     data = strict(file)
     assert (data["status"], data["certified"]) == ("not_settled", False)
     assert data["outer_iterations"] is None

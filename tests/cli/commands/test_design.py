@@ -16,7 +16,6 @@ def test_a_design_tells_its_candidates():
     assert code == 0
     for word in (
         "first run",
-        "frozen with",
         "predicted",
         "preconditioner",
         "selected",
