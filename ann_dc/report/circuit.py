@@ -24,6 +24,7 @@ from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.plotting.neurons import neurons
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -143,7 +144,9 @@ class CircuitReport:
     def _preconditioner(self) -> dict[str, object]:
         """Return the preconditioner with the demand on its wires, or why that is unknown."""
         kind = self.found.circuit.schematic.network.preconditioner.kind
-        rows: dict[str, object] = {"preconditioner": kind.value}
+        others = " (default of circuits; ann-dc solve selects among all preconditioners)"
+        is_default = kind is PreconditionerKind.DIAGONAL and self.problem is not None
+        rows: dict[str, object] = {"preconditioner": kind.value + others * is_default}
         if self.found.undemanded:
             return rows | {"wires": f"demand unknown: {self.found.undemanded}"}
         return rows if self.found.demand is None else rows | {"wires": self.found.demand}
