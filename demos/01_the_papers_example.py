@@ -1,9 +1,11 @@
-"""The paper's example: a car from (0, 0) to (5, 5) in nine steps.
+"""The paper's example: a car from (0, 0) to (5, 5) in nine stages.
 
-Question: does the decomposed network solve problem (22)-(24) once its equations are put right?
-Answer:   yes. It settles to E = 398.6315 for D = 1 and 368.1893 for D = 0.5, the optima that IPOPT
-          finds, in about 50 of its own fastest time constants; the controls alone arrive. As
-          printed they give a straight line without steering, or nothing that rests.
+Question: Does the network settle at the optimum of problem (22)-(24) after the equations are
+          corrected?
+Answer:   Yes. It settles at E = 398.6315 for D = 1 m and at 368.1893 for D = 0.5 m, the optima that
+          IPOPT finds, in about 50 tau_min, at the rate that the spectrum predicts. An open-loop
+          simulation with its controls reaches q_d. The printed equations give a straight line
+          without steering, or do not settle.
 Figure:   out/demos/01_D1.0/ and 01_D0.5/, four pictures each: plan, controls, settling, spectrum;
           01_overview.png: the way from the problem to the network, and its result;
           01_paths.png and 01_controls.png: what holds beside what is printed, no obstacles.

@@ -1,19 +1,17 @@
-"""What each slip of the paper does, one at a time.
+"""Misprints of the paper, one at a time.
 
-Question: which of the paper's misprints matter, and what would a reader see who builds them?
-Answer:   each switch S1-S17 by itself, all with the gains that are designed for the corrected
-          network (with a pyramid: a neighbour grid is built for the corrected equations, and some
-          slips that rest otherwise run away with it), and the printed form (16), (17) to the
-          letter, with rho = 0 and unit time constants, for it knows no others. Wrong signs
-          (S1, S2, S8, S10, S17), a wrong neighbour (S9) and the printed form run away. S4, S7 and
-          S11 settle on the optimum of another problem, S6 crawls towards one, S5 finds a path that
-          is possible but not the cheapest.
-          Without dB/dq (S3) the q neurons rest on an evenly spaced straight line that the car
-          cannot drive, while a dual grows for ever: the straight path of the paper's Fig. 4 (only
-          the last leg, to the fixed q_d, differs). With S13 and S15 nothing asks the car to move.
-          S12, S14 and S16 find the optimum all the same.
-          (Where all duals fade to zero, S5, S13 and S15, a relative residual loses its scale and
-          need not fall; the values themselves rest.)
+Question: Which misprints matter, and what does a reader see who implements them?
+Answer:   Each switch S1 to S17 runs with the multilevel gains that are designed for the corrected
+          network; the printed form (16), (17) runs with rho = 0 and unit time constants. Wrong
+          signs (S1, S2, S8, S10, S17), a wrong neighbour (S9) and the printed form diverge. S4, S7
+          and S11 settle at the optimum of another problem, S6 approaches one slowly, S5 settles at
+          a feasible path that is not optimal. Without dB/dq (S3) the states settle on an evenly
+          spaced straight line that the car cannot drive, while a multiplier grows linearly: the
+          straight path of the paper's Figure 4, except for its last segment. S13 and S15 settle
+          without any effort. S12, S14 and S16 find the optimal controls. If all multipliers vanish
+          (S5, S13, S15), a relative residual has no scale and need not fall, although the values
+          are constant. A resistive grid is built for the corrected equations, and some forms that
+          settle with multilevel gains diverge with it.
 Figure:   out/demos/02_without_dB_dq.png: S3 beside the optimum, and its dual over network time.
 """
 
@@ -144,7 +142,7 @@ def measure(
 def as_text(rows: dict[str, Row]) -> str:
     """The table, and a sentence on each form."""
     head = f"{'':10}{'outcome':13}{'largest neuron':>21}{'own res.':>10}{'true KKT':>10}"
-    lines = [head + f"{'objective':>12}{'roll-out':>10}{'settling':>10}"]
+    lines = [head + f"{'objective':>12}{'simulated':>10}{'settling':>10}"]
     for name, row in rows.items():
         r = row.as_dict()
         lines.append(

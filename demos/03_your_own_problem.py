@@ -1,9 +1,9 @@
-"""Your own problem in twenty lines: a model boat across a brook.
+"""A problem of your own: a model boat across a brook.
 
-Question: what does it take to have a network solve a problem that is not in the library?
-Answer:   the symbols, the equation of motion, the cost and the two ends. The network settles to a
-          certified optimum; the boat crosses almost at right angles, lets the current
-          carry it, and moors 2 m downstream with its bow upstream.
+Question: What does a problem that is not in the library take?
+Answer:   Its symbols, the equation of motion, the cost and both boundary conditions: twenty lines.
+          The network settles at a certified optimum: the boat crosses almost at right angles,
+          drifts with the current, and moors 2 m downstream with its bow upstream.
 Figure:   out/demos/03_crossing.png, the brook from above; out/demos/03_boat/, the four pictures.
 """
 
@@ -64,7 +64,7 @@ def crossing(solution: ann_dc.Solution):
     )
     axes.plot([], [], color=style.ORANGE, lw=2, label="where the boat points")
     axes.plot(x, y, "o-", color=style.BLUE, ms=4, label="path, network")
-    axes.plot(*solution.certificate.rollout[:2], "--", color=style.INK, lw=1, label="roll-out")
+    axes.plot(*solution.certificate.rollout[:2], "--", color=style.INK, lw=1, label="simulation")
     axes.set(xlabel="downstream x (m)", ylabel="across y (m)", ylim=(-0.4, WIDTH + 0.4))
     axes.set_aspect("equal", adjustable="datalim")
     plotting.quiet(axes)

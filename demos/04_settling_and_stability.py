@@ -1,11 +1,10 @@
-"""Settling and stability: what rho, the dual gains and the number of stages do.
+"""Settling and stability against penalty, multiplier gains and stages.
 
-Question: how fast does the network settle, when does it stop settling, and can one know before?
-Answer:   the spectrum at the solution knows. It predicts the settling time, ln(1e6) times radius /
-          |abscissa| in fastest time constants, and where the abscissa turns positive: too little
-          rho, or duals too slow without coordinators, and the optimum repels. Without coordinators
-          settling grows with N; with a pyramid of them it does not. (Other preconditioners: demo
-          11.)
+Question: How fast does the network settle, when does it not settle, and is that known before a run?
+Answer:   The spectrum at the solution predicts it: ln(1e6) radius / |abscissa| tau_min to 1e-6. The
+          optimum is unstable if rho is too small, or if multipliers are too slow without coarse
+          coordinators. With the diagonal preconditioner settling grows with N; with the multilevel
+          preconditioner it does not.
 Figure:   out/demos/04_settling_and_stability.png: measured dots on predicted lines.
 """
 

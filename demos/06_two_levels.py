@@ -1,17 +1,16 @@
-"""Fig. 6, honestly: lambda, A, B and Theta over the outer iterations of the paper's algorithm.
+"""The paper's two-level algorithm over its outer iterations.
 
-Question: the paper's lambda settles "after the third iteration". What can that mean?
-Answer:   not that the two-level iteration converges in three. On the plain Lagrangian the oracle
-          lambda = |B/A| finds its way to no solution: the hypothesis of Theorem IV.2 fails. With
-          augmentation the oracle, which needs the solution, has not settled after 2000 outer
-          iterations; two fixed gains take 308. A Newton coordinator takes 6 from the straight
-          line and 2 to 4 after the robot has moved: that is the honest "third iteration". Every
-          time it settles a linear network whose weights are the stages' Jacobians. The coarse
-          coordinators of a one-level network, a pyramid of 104 neurons, have fixed weights and
-          need no outer loop. From starts like those of the paper's cases (a) and (b) it is no
-          better. With (28)-(30) to the letter lambda = |B/A| does come to rest, near 1 and after
-          five iterations, while Theta grows ninefold in each. Theorem IV.1 holds, with a rate; A
-          and B as (21) prints them do not say what Theta does.
+Question: The paper says that lambda settles after the third iteration. What converges in three
+          iterations?
+Answer:   Not the two-level iteration. On the plain Lagrangian the oracle gain lambda = |B/A| finds
+          no solution, because the hypothesis of Theorem IV.2 fails. With augmentation the oracle
+          has not settled after 2000 outer iterations, two fixed gains take 308, and a Newton
+          coordinator takes 6 from the straight line and 2 to 4 after the robot has moved. The
+          Newton coordinator settles a linear network whose weights are the stage Jacobians each
+          time; the 104 coarse coordinators of the multilevel network have fixed weights and need no
+          outer loop. With (28)-(30) as printed, lambda is constant near 1 after five iterations
+          while Theta grows ninefold in each. Theorem IV.1 holds, with a rate; A and B as printed in
+          (21) do not determine Theta.
 Figure:   out/demos/06_two_levels.png; 06_figure_6.png, 06_equation_21.png, 06_theorem_IV_1.png
 """
 

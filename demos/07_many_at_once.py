@@ -1,12 +1,11 @@
-"""One network, many starts and targets: a batch in one call, and its derivative.
+"""Many initial guesses and targets in one batch, and derivatives of the settled point.
 
-Question: the gains were designed for one target. Where else does the frozen network settle, how
-          fast, and how does the optimum move with the start?
-Answer:   on a grid of 441 targets around the designed one it settles everywhere, slower
-          towards targets that ask for sharp turns. (With a pyramid; a neighbour grid belongs to
-          the target it was designed for, and 435 of 441 settle within 5000 steps all at once.)
-          Differentiating the settled point (implicitly: no step is unrolled) gives du_0/dq_0, the
-          optimal feedback gain.
+Question: The gains are designed for one target. For which others does the network settle, how fast,
+          and how does the optimum move with the initial state?
+Answer:   On a grid of 441 targets the network with multilevel gains settles everywhere, slower if
+          turns are sharp; with a resistive grid 435 of 441 settle within 5000 simultaneous steps.
+          The derivative of the settled point, by the implicit function theorem without unrolled
+          steps, is the optimal feedback gain du_0/dq_0.
 Figure:   out/demos/07_many_at_once.png
 """
 

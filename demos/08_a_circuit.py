@@ -1,11 +1,11 @@
-"""The network as a circuit: op amps, multipliers, resistors and capacitors in ngspice.
+"""The network as a circuit of op amps in ngspice.
 
-Question: the paper says that its method suits an analog neural network. Does the circuit find the
-          optimum, how fast, and what does the gain of its op amps cost?
-Answer:   with ideal parts it is the ODE, to 1e-7. With op amps of 10 MHz it settles in 28 us; a
-          finite gain A0 makes the dual integrators leak, and the error of the controls is 28 / A0.
-          Op amps less than seven times as fast as the network make it oscillate, as the eigenvalues
-          of the pole model say before ngspice runs.
+Question: Does the circuit settle at the optimum, how fast, and what does finite op-amp gain cost?
+Answer:   With ideal parts its controls are those of the ODE to 4e-7. With op amps of 10 MHz it
+          settles in 36 us. A finite gain A0 makes the multiplier integrators leak, and the relative
+          error of the controls is 27 / A0. If op amps are less than 6.2 times as fast as the
+          network, the circuit oscillates, as the eigenvalues of the pole model predict before
+          ngspice runs.
 Figure:   out/demos/08_a_circuit.png
 """
 

@@ -1,13 +1,14 @@
-"""The ladder: one problem from ideal parts to silicon, prediction beside measurement.
+"""Level comparison: from ideal parts to transistors.
 
-Question: would the paper's problem run on real parts? How accurate, how fast, at what power, and is
-          that worth it against a solver on this CPU?
-Answer:   every level settles at the optimum. Real parts are wrong by 0.1 to 12 %, which resistors
-          and multipliers decide, not gain or bandwidth; resistors from the E96 series alone cost
-          5 %, because every cell repeats the same error. A network of matched transistors is 0.3 %
-          off (7 % in the median with the mismatch of the smallest gates), within 0.1 % of its end
-          after 15 us, at 42 uJ a solve; fatrop takes 0.7 ms on a CPU, to eight digits. The emulator
-          predicts op amps to a few tenths of a per cent, transistors to a few per cent.
+Question: Would the paper's problem run on real parts, how accurately, how fast, at what power, and
+          compared with a solver on this CPU?
+Answer:   Every level settles at the optimum. Boards of real parts have control errors of 0.1 to 12
+          %, decided by resistors and multipliers, not by gain or bandwidth; resistors of series E96
+          alone cost 5 %, because every cell repeats the same error. Matched transistors are 0.3 %
+          off, within 0.1 % of their end after 15 us at 42 uJ per solve; with the mismatch of the
+          smallest gates the median is 7 %. Fatrop takes 0.7 ms on a CPU, to eight digits. The
+          emulation predicts op-amp circuits to a few tenths of a per cent and transistor circuits
+          to a few per cent.
 Figure:   out/demos/09_the_ladder.png
 """
 

@@ -1,12 +1,12 @@
-"""One network for many inputs: any units, a family of starts and targets, and many starts of one.
+"""One network for many inputs, and any units.
 
-Question: does the network notice in which units a problem is written? Does one frozen network serve
-          a whole range of starts and targets? And which optima are there to settle at?
-Answer:   a reactor written in kelvin and seconds, and again in Celsius and minutes, takes the same
-          steps of design, has the same ratio and settles in the same time. One unicycle, designed
-          for ranges of target and heading, settles to a certified optimum for every held-out input,
-          99 of 100 within 80 fastest time constants. From sixteen starts around an obstacle, one
-          batch settles at both ways past it.
+Question: Do the units of a problem matter? Does one network with fixed gains serve a range of
+          initial states and targets? Which optima exist?
+Answer:   A reactor in kelvin and seconds, and again in Celsius and minutes, takes the same 310
+          design steps, a stiffness ratio of 3.523 and 42.9 tau_min. One unicycle, designed for
+          ranges of target and heading, settles at a certified optimum for all of 300 held-out
+          inputs, 99 of 100 within 80 tau_min. Sixteen initial guesses around an obstacle settle at
+          both paths past it, three quarters of them at the better one.
 Figure:   out/demos/12_one_network_for_many_inputs.png: the family, its held-out inputs;
           out/demos/12_two_ways_past.png: the optima in the plane, and how often each is met.
 """

@@ -1,11 +1,10 @@
-"""How long should it take, and can it be done at all?
+"""Free final time and infeasible targets.
 
-Question: a network chooses controls; may it choose the time as well, and what does it say where
-          there is nothing to choose?
-Answer:   a step length that is a decision is one more state, handed on from stage to stage: the
-          boat crosses the sooner, the more a second costs, and every answer is certified. Where
-          the boat is too weak to moor upstream, the network says so in a second, by name, with
-          the nearest place that it reaches.
+Question: Can the network choose the time as well, and what does it report if no solution exists?
+Answer:   A step length that is a decision is one more state, carried from stage to stage. The boat
+          crosses the sooner, the higher the price of a second, and every result is certified. If
+          the boat is too weak to moor upstream, `solve` reports the target as infeasible within a
+          second, with the nearest reachable place.
 Figure:   out/demos/13_how_long_and_whether_at_all.png, crossing time over the price of a second,
           and the paths: two that are certified and one that cannot be.
 """

@@ -1,11 +1,12 @@
-"""Ten thousand networks in continuous time: how settling times are spread, in seconds of computing.
+"""Ten thousand settling times in continuous time.
 
-Question: a settling time belongs to one start and one target. How is it spread over all that the
-          robot may meet, and what does a faster preconditioner change about the slowest of them?
-Answer:   10 000 cars with random starts, headings and targets are integrated one by one in all but
-          time: a lane of the processor's vectors each, with steps of their own, in generated code.
-          A neighbour grid settles the median car in a third of what the pyramid takes, in fastest
-          time constants; targets nearer than the one it was designed for take it longest.
+Question: How are settling times distributed over initial states and targets, and what does a faster
+          preconditioner change?
+Answer:   10,000 cars with random initial states, headings and targets run in one batch of generated
+          code in a few seconds, one sample per vector lane, with individual steps. All settle. With
+          a resistive grid half of the cars take 52 tau_min and 99 of 100 at most 74; with
+          multilevel gains 152 and 199. Targets nearer than the design target take longest with the
+          grid.
 Figure:   out/demos/14_ten_thousand_settling_times.png
 """
 

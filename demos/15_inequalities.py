@@ -1,12 +1,12 @@
-"""What holds a car among discs, within its limits?
+"""Inequality constraints: a car among discs, within its limits.
 
-Question: a car must keep out of three discs, go no faster than 4 m/s, turn its wheels no faster
-          than 2.5 rad/s and no farther than 0.5 rad: who sees to that in a network?
-Answer:   an inequality is one more neuron, the integrator of its multiplier with a diode behind
-          it, which conducts where the inequality presses and is silent elsewhere. A limit of a
-          control is the rail of that control's own integrator. On the way diodes open and close,
-          until six of them conduct and nine controls stand at a limit; the certificate, which
-          knows nothing of diodes, finds violation, signs and complementarity in order.
+Question: A car must avoid three discs, drive at most 4 m/s, steer at most 2.5 rad/s and 0.5 rad.
+          How does a network hold constraints?
+Answer:   An inequality is one more neuron: the integrator of its multiplier with a rectifier, which
+          is positive if the constraint is active and zero otherwise. A bound of a control is a
+          saturation limit of its integrator. Constraints become active and inactive on the way,
+          until six rows are active and nine controls are saturated; the certificate checks
+          violation, signs and complementarity independently. The car settles in 74 tau_min.
 Figure:   out/demos/15_inequalities.png: the path with and without inequalities, controls between
           their limits, multipliers over the stages, and how diodes switch until it has settled.
 """

@@ -1,12 +1,12 @@
-"""What does one objective cost in terms of another?
+"""Minimax objectives: one objective in terms of another.
 
-Question: a car is to reach its target with little effort on a short path, and cannot have both: how
-          does a network weigh them, and what would other weights give?
-Answer:   it minimises the larger of the two, each told between its best and its worst. Neurons
-          that all cells share do it: one measures each objective, one is the level that none
-          is above, and multipliers, which add up to one at rest, say what share of the cost
-          each objective is. At equal weights both come out equal. The weights are inputs, so that
-          the same frozen network draws the whole front, every point of it certified.
+Question: A car should reach its target with little effort on a short path. How does a network weigh
+          both?
+Answer:   It minimises the larger of the two (equation (6)), each relative to its range between best
+          and worst. Neurons that are common to all cells measure each objective and hold the level
+          that none exceeds; multipliers that add up to one give the share of each objective in the
+          cost. At equal weights both are equal. The weights are inputs, so one network with fixed
+          gains gives the whole Pareto front, every point certified (`ann_dc.pareto`).
 Figure:   out/demos/16_minimax.png: the front between ideal and nadir, how fast the car goes along
           it, and how objectives, level and shares settle.
 """

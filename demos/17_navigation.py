@@ -1,12 +1,14 @@
-"""How does a network drive a robot among obstacles that it meets on its way?
+"""Navigation among obstacles that appear on the way.
 
-Question: obstacles come into sight, and half of them move: what does a robot do that plans with a
-          network every control period, and what does one that follows the paper's section IV.C?
-Answer:   with constraints in the network, it bends its plan around what it sees: neurons shift by
-          a stage, run for at most 1000 fastest time constants, and the first control is applied.
-          With a shield that brakes it gets through four worlds of four. The paper's rule, a
-          waypoint q_obs + delta and a new plan, knows of no other obstacle and collides in two; as
-          printed, without the leg to the waypoint, in all four.
+Question: Obstacles come into view, and half of them move. How does a robot do that plans with a
+          network in every control period, compared with the paper's section IV.C?
+Answer:   The network plans 16 stages ahead ten times per second, for at most 1000 tau_min, with the
+          visible obstacles as constraints; a safety filter brakes if a plan would collide. The car,
+          with a sensor range of 3 m, reaches its goal in four of four random worlds. The paper's
+          rule (a waypoint q_obs + delta and a new plan, without a filter) collides in two, because
+          it ignores other obstacles; as printed, without the segment to the waypoint, in all four.
+          Of the 200 worlds of the bench, with a reverse gear, it reaches the goal in 189 and
+          collides in none; a world in which it stops before a gap is shown.
 Figure:   out/demos/17_navigation.png: one world, three planners; plans, way, where obstacles went.
 """
 

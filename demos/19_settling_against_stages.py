@@ -1,16 +1,14 @@
-"""Settling against the number of stages: a thousand cells in the time of nine.
+"""Settling against the number of stages, 9 to 1152.
 
-Question: the same drive in more and finer stages: how does settling grow with N, and what does a
-          processor pay for a unit of network time?
-Answer:   with coordinators it does not grow: from 9 to 1152 stages the car takes 47 to 55 fastest
-          time constants with a feed-forward tree and 124 to 157 with a pyramid, exponents of -0.03
-          (-0.04 to -0.01) and -0.03 (-0.07 to 0.01). With time constants alone and a penalty as it
-          is right for nine stages, settling grows as N^2.26 (1.94 to 2.58). Designed anew for
-          every N it grows as N^1.08 (0.90 to 1.26) for the double integrator and N^1.03 (0.75 to
-          1.30) for the car, which beyond 48 stages does not settle within 20 000. A processor pays
-          for a fastest time constant in proportion to the cells: from 36 stages on N^1.03 (0.89 to
-          1.18) with a tree and N^1.01 (0.85 to 1.17) with a pyramid, on one core. (Exponents with
-          their 95 % intervals; those of computing differ from run to run, by 0.1.)
+Question: How does settling grow with N for the same manoeuvre in finer stages, and what does a
+          processor need per unit of network time?
+Answer:   With cyclic reduction the car takes 47 to 55 tau_min for all N and multilevel 124 to 157:
+          exponents of -0.03 (95 % interval -0.04 to -0.01) and -0.03 (-0.07 to 0.01). With diagonal
+          gains and the penalty of nine stages settling grows as N^2.26 (1.94 to 2.58); designed for
+          every N, as N^1.08 (0.90 to 1.26) for the double integrator and N^1.03 (0.75 to 1.30) for
+          the car, which does not settle within 20,000 tau_min beyond 48 stages. Computing time per
+          tau_min is proportional to the cells from 36 stages on: N^1.03 (0.89 to 1.18) and N^1.01
+          (0.85 to 1.17) on one core; these exponents vary by 0.1 between runs.
 Figure:   out/demos/19_settling_against_stages.png
 """
 

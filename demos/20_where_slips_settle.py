@@ -1,15 +1,14 @@
-"""Where networks of printed equations settle: nineteen forms in one study.
+"""Settled points of the misprinted networks.
 
-Question: the paper's misprints, one at a time: which networks run away, which find the optimum all
-          the same, and which come to rest at something else, where only a certificate tells?
-Answer:   of the nineteen forms (corrected, S1 to S17, and as printed) ten come to rest, and three
-          at the certified optimum: the corrected one, S14, which is no slip, and S16, which needs
-          the solution. S12 finds the right controls to 1e-8, nine times as slowly, with multipliers
-          that are a ninth of what they should be; its certificate fails by that alone. Six settle
-          to something else, as quietly as the right one: S4, S5 and S7 on dearer or cheaper paths,
-          S11 with ends that do not belong together, S13 and S15 without any effort. S7 comes
-          closest: its controls are 2.6 % off, and it settles in the same 153 fastest time
-          constants. Nine do not settle. (Demo 02 says why, slip by slip.)
+Question: Which of the misprinted networks diverge, which find the optimum, and which settle at
+          another point?
+Answer:   Of nineteen forms (corrected, S1 to S17, as printed) ten settle, three at the certified
+          optimum: the corrected form, S14, which is no misprint, and S16, which needs the solution.
+          S12 finds the controls to 1e-8, nine times as slowly, with multipliers that are a ninth of
+          the right ones. Six settle at another point: S4, S5 and S7 on paths of other cost, S11
+          with inconsistent boundary conditions, S13 and S15 without effort. S7 is closest: its
+          controls are 2.6 % off, and it settles in the same 153 tau_min. Nine do not settle. Only a
+          certificate tells these cases apart.
 Figure:   out/demos/20_where_slips_settle.png
 """
 

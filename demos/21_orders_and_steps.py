@@ -1,18 +1,16 @@
-"""Update orders and step rules: how many steps random starts and targets take.
+"""Update orders and step rules over a hundred samples.
 
-Question: all neurons at once, duals after primals or stage by stage, with fixed steps or with steps
-          that adapt: which settles in fewest steps, and is the spectrum's limit the limit?
-Answer:   with a pyramid, orders hardly differ: 175 to 205 steps with the best fixed step at which
-          all of 100 cars settle, 190 to 210 with the rule that adapts and knows no spectrum. With a
-          neighbour grid they differ by a factor of ten: duals after primals take 95 steps (110
-          adaptive), all at once or stage by stage 275 and more (1020 adaptive), because the grid's
-          slow modes swing. The limit 2a/(a^2 + b^2) holds for all at once, sample by sample: it
-          belongs to where a car comes to rest, 0.8 to 1.7 of the designed network's with a grid,
-          and the share that settles falls with the share whose own limit is longer, a little before
-          it, for some cars are lost on their way. Stage by stage is much the same; duals after
-          primals have a limit of their own: with a pyramid 19 of 100 fail at 0.6 of it and 99 at
-          0.7, with a grid 98 settle at 1.5 times it. Near the limit steps are not worth their
-          length: with a pyramid 0.7 of it is quickest.
+Question: Which order and step rule settles in fewest steps, and is the limit of the spectrum the
+          actual limit?
+Answer:   With multilevel gains orders hardly differ: 175 to 205 steps with the best fixed step at
+          which all of 100 cars settle, 190 to 210 with the adaptive step. With a resistive grid
+          they differ by a factor of ten: two-phase takes 95 steps (110 adaptive), simultaneous and
+          stage-by-stage 275 and more (1020 adaptive), because slow modes of the grid oscillate. The
+          limit 2a / (a^2 + b^2) holds for the simultaneous order at the equilibrium of each sample,
+          which is 0.8 to 1.7 of that of the designed network with a grid; some samples are lost
+          slightly before it. Stage-by-stage is similar. Two-phase has another limit: multilevel, 19
+          of 100 fail at 0.6 of it and 99 at 0.7; with a grid 98 settle at 1.5 times it. With
+          multilevel gains 0.7 of the limit is fastest.
 Figure:   out/demos/21_orders_and_steps.png
 """
 

@@ -1,14 +1,13 @@
-"""From a question to a yield curve: which share of boards meets a spec, and which figure decides.
+"""From a question to a yield curve.
 
-Question: a thousand boards are built of parts that are all a little off. On how many does the car's
-          network bring its controls within 2 % in 50 us, and what has to be paid for?
-Answer:   with parts that are 0.1 % and 0.1 mV off, on all of 60. Errors are a lottery: resistors of
-          0.4 % lose none, of 1 % half of the boards; multiplier gains of 1 % leave three of four,
-          as do op-amp offsets of 1 mV. Speed is none: with op amps of 8.8 MHz every board is too
-          slow, with 9 MHz none. Op amps 6.7 to 11.6 times as fast as the network will do: below,
-          boards ring or oscillate, above they are slow. Eight boards in ngspice are wrong by what
-          their emulation says, to 0.01 %, and as fast to 0.3 %; the slowest mode, which decides
-          here without a run, is a quarter too careful.
+Question: A thousand boards have parts with errors. On how many are the controls within 2 % after 50
+          us, and which figure decides?
+Answer:   With errors of 0.1 % and 0.1 mV on all of 60. Resistors of 0.4 % lose no board, of 1 %
+          half of them; multiplier gains of 1 % leave three of four, as do op-amp offsets of 1 mV.
+          Speed is sharp: with op amps of 8.8 MHz every board is too slow, with 9 MHz none. The
+          bandwidth margin may be 6.7 to 11.6: below, boards oscillate; above, they are slow. Eight
+          boards in ngspice have the predicted errors to 0.01 % and settling times to 0.3 %; the
+          slowest mode, used here without a run, is conservative by a quarter.
 Figure:   out/demos/22_from_a_question_to_a_yield_curve.png
 """
 

@@ -1,13 +1,12 @@
-"""Basins of attraction: from which starts, and for which targets, a frozen network finds the best.
+"""Basins of attraction of networks with fixed gains.
 
-Question: gains were designed for one target, and the network starts on a straight line. From where
-          else does it come to the certified optimum, where does it settle at another one, and where
-          at none?
-Answer:   a unicycle finds it from everywhere. A car finds it from 3 % off the line; from 30 % off
-          no run keeps its tan(varphi) where that has a value. A pendulum always settles at a
-          certified optimum, but from 10 % off also at ways up that cost more. One frozen car finds
-          the optimum of every target from three metres ahead on, and of half of those one metre
-          ahead.
+Question: From which initial guesses, and for which targets, does a network settle at the certified
+          optimum, at another one, or nowhere?
+Answer:   A unicycle settles at it from everywhere. A car settles from 3 % off the line; from 30 %
+          off no run keeps tan(varphi) within its domain. A pendulum always settles at a certified
+          optimum, but from 10 % off also at swing-ups of higher cost. One car with fixed gains
+          finds the optimum of every target from three metres ahead on, and of half of those one
+          metre ahead.
 Figure:   out/demos/23_basins_of_attraction.png
 """
 

@@ -1,12 +1,12 @@
-"""One network in every realisation: integrated, as a recurrence, as a circuit; sample by sample.
+"""One network in every realisation, sample by sample.
 
-Question: is a circuit the network that was integrated? Do all realisations settle to the same
-          controls, and in the same time, whatever the target?
-Answer:   the same controls: to 1e-8 in numbers, 4e-7 with ideal parts in ngspice, 3e-5 with op amps
-          of finite gain. Ideal parts settle when the ODE does, to 1 %; the recurrence up to 11 %
-          later, op amps of 10 MHz 15 to 29 %. Their emulation knows both beforehand: the error to
-          0.6 %, the time to 0.6 % for eleven targets, and 7 % off for one, where a last swing
-          grazes the 0.1 % by which settling is told.
+Question: Do integration, recurrence and circuit settle at the same controls, in the same time, for
+          every target?
+Answer:   The controls agree: to 1e-8 in numbers, 4e-7 with ideal parts in ngspice, 3e-5 with op
+          amps of finite gain. Ideal parts settle with the ODE, to 1 %; the recurrence up to 11 %
+          later, op amps of 10 MHz 15 to 29 % later. The emulation predicts the error to 0.6 %, and
+          the time to 0.6 % for eleven targets and 7 % for one, whose last oscillation grazes the
+          limit of 0.1 % that defines settling.
 Figure:   out/demos/24_one_network_in_every_realisation.png
 """
 

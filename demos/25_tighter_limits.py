@@ -1,13 +1,13 @@
-"""Tighter limits: what every constraint that becomes active costs in settling time.
+"""Tighter limits: settling time per active constraint.
 
-Question: a car may turn its wheels only so far. The limit is an input of its network, tightened
-          step by step: how much longer does it take to settle, as constraints become active?
-Answer:   with six active constraints 135 unit time constants instead of 56, with 19 of them about
-          800: fewer controls are left to bend the path, and the slowest mode slows. Gains designed
-          at a tight limit pay in advance: 77 without any, 78 with six. All that settles is a
-          certified optimum. Not all settles: at 0.3 rad half of the cars do not, and half of those
-          that do are at optima that cost more than twice the best. IPOPT finds a plan for every
-          one of them: it is the frozen network, started on a line, that misses it.
+Question: The steering limit of a car is an input that is tightened step by step. How much longer
+          does the network settle as constraints become active?
+Answer:   With six active constraints 135 unit time constants instead of 56, with 19 about 800:
+          fewer controls remain to bend the path, and the slowest mode slows. Gains designed at a
+          tight limit take 77 without and 78 with six active constraints. Every settled run is a
+          certified optimum. At 0.3 rad half of the cars do not settle, and half of those that do
+          are at optima of more than twice the lowest cost; IPOPT finds a plan for each: the network
+          with fixed gains, started on a line, misses it.
 Figure:   out/demos/25_tighter_limits.png
 """
 

@@ -1,14 +1,13 @@
-"""Taking the network away: what rounding does to the controls, and what every format weighs.
+"""Export: rounding and size of every format.
 
-Question: what is lost when the network leaves this package?
-Answer:   digits, where they are rounded. The car's controls are within 0.1 % from words of 13 bits
-          on, 4096 levels of a conductance, 1024 units of a capacitor; below, a number may be lucky
-          and the next one not. One bit more, or twice as many levels, halves the error; twice as
-          many units divide it by 2.6. Below 10 bits tan(varphi) does not fit, below 8 levels
-          nothing settles. Where nothing is rounded, nothing is lost: weight file, ONNX, torch, and
-          conductances of any value settle to the optimum within 1e-11. ngspice runs the pack of op
-          amps 2.7e-5 off, C in words of 16 bits is 8.3e-5 off. A format takes 20 to 900 kB and less
-          than a second, a program of torch about five. NIR has linear nodes only, and refuses.
+Question: What is lost when the network leaves this package?
+Answer:   Digits, if the format rounds. Controls are within 0.1 % from words of 13 bits, 4096 levels
+          of a conductance or 1024 units of a capacitor on; below, single sizes may be lucky. One
+          more bit or twice the levels halves the error; twice the units divide it by 2.6. Below 10
+          bits tan(varphi) does not fit; below 8 levels nothing settles. Without rounding (weight
+          file, ONNX, torch, exact conductances) controls agree within 1e-11. ngspice runs the
+          netlist of op amps 2.7e-5 off; C in words of 16 bits is 8.3e-5 off. A format takes 20 to
+          900 kB and less than a second, a torch program about five. NIR holds linear nodes only.
 Figure:   out/demos/26_taking_the_network_away.png
 """
 

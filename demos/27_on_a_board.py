@@ -1,15 +1,15 @@
-"""What decides on a board, and what in silicon?
+"""Boards and silicon: the effects that decide.
 
-Question: parts have capacitances, leaks, bias currents and bends that models of op amps leave out.
-          Which of them make the controls wrong, which make the circuit ring, and what helps?
-Answer:   on a board, what is wrong at rest: op amps that take 1 uA make the controls 3 % wrong,
-          multipliers that let 0.3 % of an input through 1.3 %, in ngspice as predicted. Capacitance
-          costs no accuracy, but with resistors of 10 kohm 12 pF at every virtual ground ring. So
-          smaller ones are chosen: with 0.63 to 4.2 kohm the car settles in 36 us with 3 to 20 pF.
-          Presets, with what their datasheets say, take 7 to 115 us and are 0.02 to 0.5 % off.
-          In silicon, matching: 8 % with the smallest gates, 1 % with gates 36 times as large; gain
-          under load and the multipliers' own law cost 0.25 %. Where a circuit barely holds, believe
-          ngspice: OPA192 with 10 kohm are predicted to settle after 178 us, and ring there.
+Question: Parts have capacitance, leakage, bias current and nonlinearity that op-amp models omit.
+          Which of them cause errors or ringing, and what helps?
+Answer:   On a board, static errors: bias currents of 1 uA make the controls 3 % wrong, multiplier
+          feedthrough of 0.3 % makes them 1.3 % wrong, in ngspice as predicted. Capacitance costs no
+          accuracy, but with resistors of 10 kohm 12 pF at every virtual ground cause ringing;
+          smaller resistors, 0.63 to 4.2 kohm, are chosen, and the car settles in 36 us with 3 to 20
+          pF. Presets with the values of their datasheets take 7 to 115 us and are 0.02 to 0.5 %
+          off. In silicon, matching: 8 % with the smallest gates, 1 % with gates 36 times as large;
+          gain under load and the multiplier law cost 0.25 %. If a circuit is barely stable, rely on
+          ngspice: OPA192 with 10 kohm is predicted to settle after 178 us and rings there.
 Figure:   out/demos/27_on_a_board.png
 """
 

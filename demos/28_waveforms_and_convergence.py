@@ -1,11 +1,12 @@
-"""Waveforms: networks that never settle, and the way of runs that do.
+"""Waveforms, inputs over time and convergence of runs.
 
-Question: are waveforms right, not only settled values: an oscillator's, chaos, a run on its way?
-Answer:   van der Pol's oscillator has its period and amplitude in ngspice to 0.002 %, with op
-          amps of 10 MHz at a bandwidth margin of 100,000; a margin ten times smaller costs ten to
-          twenty times the accuracy. Chua's double scroll stays on SciPy's trajectory to 0.02 % for
-          two Lyapunov times. All methods see the car's network settle at the same time, in 36 to
-          280 steps; two levels need 6 outer iterations.
+Question: Are waveforms right, not only settled values: an oscillator, chaos, a run on its way?
+Answer:   Van der Pol's oscillator has its period and amplitude in ngspice to 0.002 %, with op amps
+          of 10 MHz at a bandwidth margin of 100,000; a margin ten times smaller costs ten to twenty
+          times the accuracy. Chua's double scroll follows SciPy's trajectory to 0.02 % for two
+          Lyapunov times; after that no two runs of a chaotic network agree. All integration methods
+          see the car's network settle at the same time, in 36 to 280 steps; two levels need 6 outer
+          iterations.
 Figure:   out/demos/28_waveforms_and_convergence.png, and its panels of convergence as PDF
 """
 

@@ -41,7 +41,7 @@ def test_every_demo_opens_with_question_answer_figure():
 
 def test_the_papers_example(tmp_path, capsys):
     result = demo("01_the_papers_example").main(tmp_path)
-    assert_drawn(result, 10)
+    assert_drawn(result, 11)
     for D, optimum in ((1.0, 398.6315284), (0.5, 368.1892543)):
         row = result["table"][D]
         assert row["settled"]
