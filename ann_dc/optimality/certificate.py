@@ -61,7 +61,7 @@ class Certificate:
         Largest change of a state or control in a Newton step, relative to the range of the
         component. Estimates the distance to the optimum; nan if the step is not defined.
     rollout_error : float
-        Simulation error: largest distance between the end of the simulation and a fixed component of
+        Simulation error: largest distance between the simulated end and a fixed component of
         q_d, in the scale of the component.
     rollout : (n, N+1) array
         States that the controls produce.
