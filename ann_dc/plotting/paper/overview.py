@@ -1,4 +1,4 @@
-"""Overview: from a problem to a settled network, as a block diagram beside a result."""
+"""Overview: from a problem to a settled network, as a block diagram with a result."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def overview(solution: Solution) -> Figure:
     """Draw how a network solves a problem: blocks on the left, path and residual on the right.
 
     The path shows the first two states. The residual is that of the KKT conditions over network
-    time in tau_min, beside the rate that the spectrum at the solution predicts.
+    time in tau_min, with the rate that the spectrum at the solution predicts.
 
     Examples
     --------

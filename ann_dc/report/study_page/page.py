@@ -61,7 +61,7 @@ def write_study_page(
 
 
 def write_residuals(store: Store, page: str | os.PathLike[str]) -> list[Path]:
-    """Write the residuals over time beside a page, as PDF and SVG; nothing without trajectories.
+    """Write the residuals over time next to a page, as PDF and SVG; nothing without trajectories.
 
     Returns the files. Raises `OutputError` if a file cannot be written.
     """
