@@ -137,6 +137,7 @@ def test_many_at_once(tmp_path):
     assert result["feedback"].shape == (2, 4)
 
 
+@pytest.mark.slow
 def test_ten_thousand_settling_times(tmp_path):
     result = demo("14_ten_thousand_settling_times").main(tmp_path, cars=200)
     assert_drawn(result, 1)

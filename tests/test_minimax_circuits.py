@@ -57,7 +57,7 @@ def shares(network, x) -> np.ndarray:
 
 
 @needs_ngspice
-@pytest.mark.sampled
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("level", BUILT[:2], ids=lambda level: level.name)
 @pytest.mark.parametrize(
     "name",

@@ -109,9 +109,9 @@ def test_what_does_not_settle_has_no_time():
 @pytest.mark.parametrize(
     ("name", "close"),
     [
-        pytest.param("double_integrator", 0.01, marks=pytest.mark.slow),
+        ("double_integrator", 0.01),
         pytest.param("unicycle", 0.02, marks=pytest.mark.slow),
-        ("car", 0.05),
+        pytest.param("car", 0.05, marks=pytest.mark.slow),
         pytest.param("pendulum", 0.1, marks=pytest.mark.slow),
     ],
 )

@@ -47,7 +47,7 @@ def test_multiplier_of_small_or_large_gain_follows_the_law(gain):
     assert np.abs(left).max() < 1.5e-5
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("volts", SCALES)
 def test_a_sweep_finds_the_coefficients(volts):
     off = np.abs(found(volts, measured(volts)) - known(GILBERT.at(volts)))

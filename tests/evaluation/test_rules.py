@@ -238,7 +238,7 @@ def test_moves_at_rails_of_random_networks_are_those_of_numpy(preconditioner, se
 # ---- runs ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", EVALUATORS[1:], ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("preconditioner", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(preconditioner, kind):

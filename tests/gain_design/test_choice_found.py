@@ -37,7 +37,7 @@ def catalysts():
     )  # fmt: skip
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("problem", "objective"),
     [(thrifty, 10.173420), (boat, 5.4515622), (catalysts, -0.035970892)],

@@ -152,7 +152,7 @@ def test_states_between_steps_stay_within_the_rails(kind):
     assert x.min() >= -0.3
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "kind", "most"),
     [("oscillator", "generated", 100), ("railed", "RK45", 10), ("railed", "DOP853", 10)],
