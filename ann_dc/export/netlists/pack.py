@@ -1,7 +1,7 @@
 """Self-contained circuit folder: deck, library, BOM, scaling and expected results.
 
 Run ``unzip``, then ``ngspice -b deck.cir``; Python is not needed. The run writes the settled and
-expected controls to 'controls.csv', and the waveforms of the controls to ``waveforms.txt``. A check
+expected controls to 'controls.csv', and the waveforms of the controls to 'waveforms.txt'. A check
 compares the hashes and does not run the deck.
 """
 
