@@ -4,11 +4,12 @@ Question: Obstacles come into view, and half of them move. How does a robot do t
           network in every control period, compared with the paper's section IV.C?
 Answer:   The network plans 16 stages ahead ten times per second, for at most 1000 tau_min, with the
           visible obstacles as constraints; a safety filter brakes if a plan would collide. The car,
-          with a sensor range of 3 m, reaches its goal in four of four random worlds. The paper's
-          rule (a waypoint q_obs + delta and a new plan, without a filter) collides in two, because
-          it ignores other obstacles; as printed, without the segment to the waypoint, in all four.
-          Of the 200 worlds of the bench, with a reverse gear, it reaches the goal in 189 and
-          collides in none; a world in which it stops before a gap is shown.
+          with a sensor range of 3 m, collides in neither of the two random worlds that the tests
+          drive: it arrives in one and stops before a gap in the other. The paper's rule (a waypoint
+          q_obs + delta and a new plan, without a filter) collides in two of four worlds, because it
+          ignores other obstacles; as printed, without the segment to the waypoint, in all four. Of
+          the 200 worlds of the bench, with a reverse gear, it reaches the goal in 189 and collides
+          in none; a world in which it stops before a gap is shown.
 Figure:   out/demos/17_navigation.png: one world, three planners; plans, way, where obstacles went.
 """
 
