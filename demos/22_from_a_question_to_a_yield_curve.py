@@ -1,4 +1,4 @@
-"""From a question to a yield curve.
+"""Yield curve of boards with part errors.
 
 Question: A thousand boards have parts with errors. On how many are the controls within 2 % after 50
           us, and which figure decides?
