@@ -38,7 +38,7 @@ from ann_dc.solution.running import solution_of
 from ann_dc.solution.solution import Solution
 from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
-from ann_dc.validation import Count, NotEmpty, NotNegative, Own, Positive, checked
+from ann_dc.validation import Count, NotEmpty, NotNegative, Own, Positive, checked, renamed_keyword
 
 
 def _recurrent() -> Backend:
@@ -55,6 +55,7 @@ OF_DESIGN = 0.7
 """Fraction of a time limit that the design may take; the rest is for the run of its network."""
 
 
+@renamed_keyword("limit", "time_limit")
 @checked
 def solve(
     problem: OptimalControlProblem,
@@ -64,7 +65,7 @@ def solve(
     gains: Gains | Design | None = None,
     preconditioner: Annotated[Kinds, NotEmpty()] | None = None,
     backend: Backend | str | None = None,
-    limit: Positive | None = None,
+    time_limit: Positive | None = None,
     progress: Progress = silent,
 ) -> Solution:
     """Solve an optimal-control problem with an analog neural network and certify it.
@@ -87,7 +88,7 @@ def solve(
         Default: those that suit the backend.
     backend : Backend or str, optional
         Default: `OdeBackend`; `RecurrentBackend`, or "recurrent", for recurrent steps.
-    limit : float, optional
+    time_limit : float, optional
         Wall-clock limit in seconds. On expiry or at a first Ctrl-C the current state is returned
         with a corresponding status. Default: no limit.
     progress : Progress
@@ -133,7 +134,7 @@ def solve(
     network = synthesize(equations, initial_guess=initial_guess)
     backend = reporting(backend or OdeBackend(), progress)
     ode = continuous(backend) if form.oracle_gain else None
-    with Deadline(progress, float("inf") if limit is None else limit) as deadline:
+    with Deadline(progress, float("inf") if time_limit is None else time_limit) as deadline:
         prospect = Prospect(problem=problem, progress=deadline)
         if gains is None:
             lender = form.designable

@@ -78,7 +78,7 @@ class Study(Record):
         Largest value, or (smallest, largest), that a good sample satisfies. Default: no limits.
     curves : int
         Number of states over time stored per case. Default 0, which stores none.
-    limit : float or None
+    time_limit : float or None
         Wall-clock limit per case, in seconds. A batch has this limit for each of its cases plus one
         second. The first task of a process has ten more seconds, to load and compile. Default None,
         no limit.
@@ -114,7 +114,7 @@ class Study(Record):
     seed: Index = 0
     spec: Mapping[str, Any] = field(default_factory=dict)
     curves: Index = 0
-    limit: Positive | None = None
+    time_limit: Positive | None = None
     title: str = ""
 
     def __post_init__(self) -> None:
@@ -293,7 +293,7 @@ class Study(Record):
                 store,
                 executor=Here() if executor is None and workers == 0 else executor,
                 workers=1 if workers == 0 else workers,
-                limit=self.limit,
+                limit=self.time_limit,
                 common={VERSIONS: versions()},
                 progress=progress,
             )
