@@ -41,6 +41,7 @@ from ann_dc.study.table import Table
 from ann_dc.study.tasks import Task, attempted
 from ann_dc.study.work import Work, tasks, versions
 from ann_dc.study.worker import stop_script
+from ann_dc.summaries import summarised
 from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import ends_of
 
@@ -49,6 +50,14 @@ LAYOUT = 1
 
 
 @checked
+@summarised(
+    lambda self: {
+        "title": self.title,
+        "cases": len(self),
+        "varied": ", ".join(self.vary),
+        "metrics": ", ".join(metric.name for metric in self.metrics),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study(Record):
     """Varied settings of a network and the metrics measured in every case.
