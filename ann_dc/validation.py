@@ -381,7 +381,10 @@ def checked(thing: Thing) -> Thing:
 
 
 def renamed_keyword(old: str, new: str) -> Callable[[Thing], Thing]:
-    """Return a decorator that also accepts the former name of a keyword, with a warning."""
+    """Return a decorator that also accepts the former name of a keyword, with a warning.
+
+    A call with both names raises `ArgumentTypeError`.
+    """
 
     def decorated(function: Callable) -> Any:
         @wraps(function)

@@ -42,7 +42,7 @@ def progress_line(quiet: bool = False) -> Iterator[Progress]:
 
 @contextlib.contextmanager
 def _without_notices() -> Iterator[None]:
-    """Silence the notices of the library, such as that of a long compilation."""
+    """Turn off the notices of the library, such as that of a long compilation."""
     logger = logging.getLogger("ann_dc")
     before = logger.level
     logger.setLevel(logging.ERROR)
