@@ -18,7 +18,6 @@ import inspect
 import math
 import numbers
 import typing
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, is_dataclass
 from functools import partial, wraps
@@ -378,28 +377,6 @@ def checked(thing: Thing) -> Thing:
     build = vars(thing)[name]
     setattr(thing, name, _checking(build, thing if is_record else build, is_record=is_record))
     return typing.cast(Thing, thing)
-
-
-def renamed_keyword(old: str, new: str) -> Callable[[Thing], Thing]:
-    """Return a decorator that also accepts the former name of a keyword, with a warning.
-
-    A call with both names raises `ArgumentTypeError`.
-    """
-
-    def decorated(function: Callable) -> Any:
-        @wraps(function)
-        def with_former_name(*args: Any, **kwargs: Any) -> Any:
-            if old in kwargs:
-                if new in kwargs:
-                    raise ArgumentTypeError(f"{old}: expected {new} alone, got both; leave it out")
-                message = f"{old}: former name, removed in 0.2; use {new}"
-                warnings.warn(message, DeprecationWarning, stacklevel=2)
-                kwargs[new] = kwargs.pop(old)
-            return function(*args, **kwargs)
-
-        return with_former_name
-
-    return decorated
 
 
 def _checking(function: Callable, hinted: Any, *, is_record: bool) -> Callable:

@@ -9,8 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from ann_dc.cli.arguments.backends import FormOption, form_of
-from ann_dc.cli.arguments.options import JsonOption, argument, option, unfolded
-from ann_dc.cli.arguments.problem import ProblemOptions, as_typed, defaults_of, plant_of
+from ann_dc.cli.arguments.options import JsonOption, argument, completing, option, unfolded
+from ann_dc.cli.arguments.problem import (
+    ProblemOptions,
+    as_typed,
+    defaults_of,
+    plant_of,
+    plants_known,
+)
 from ann_dc.cli.arguments.words import TableOption, stages_of
 from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.errors import ProblemError
@@ -108,7 +114,10 @@ def _saved(problem: ProblemOptions):
 def plants(
     *,
     name: str | None = argument(
-        "Plant whose parameters are listed.", default=None, metavar="[NAME]"
+        "Plant whose parameters are listed.",
+        default=None,
+        metavar="[NAME]",
+        autocompletion=completing(plants_known),
     ),
     json_file: JsonOption = None,
 ) -> None:
