@@ -105,7 +105,8 @@ class _Commands(TyperGroup):
 app = typer.Typer(
     cls=_Commands,
     help="Optimal control on an analog neural network: declare a problem, let the network settle, "
-    "get a certified optimum.",
+    "get a certified optimum.\n\nExit code: 0 the result is certified or complete, 1 the command ran "
+    "with another outcome, 2 bad input or unwritable output, 130 interrupted.",
     epilog="Start with:  ann-dc plants,  ann-dc solve car,  ann-dc show car",
     no_args_is_help=True,
     add_completion=False,

@@ -8,7 +8,7 @@ import time
 from statistics import median
 
 import pytest
-from command_line import ROOT, refused, run, terminal
+from command_line import ROOT, SMALL, refused, run, terminal
 
 import ann_dc
 
@@ -167,3 +167,27 @@ def started(script, times=3):
         )
         runs.append((time.perf_counter() - began, done.stdout.strip()))
     return runs
+
+
+OUTCOMES = {
+    "certified": (["solve", *SMALL], 0),
+    "listed": (["plants"], 0),
+    "stopped at a limit": (["solve", *SMALL, "--max-settling", "5"], 1),
+    "out of time": (["solve", *SMALL, "--time-limit", "1e-9"], 1),
+    "unreachable": (["solve", "double_integrator", "-N", "1", "--no-verify"], 1),
+    "unknown plant": (["solve", "kar"], 2),
+    "unknown option": (["solve", "car", "--colour"], 2),
+    "unknown command": (["sovle"], 2),
+    "unwritable output": (["solve", *SMALL, "--json", str(ROOT)], 2),
+}
+
+
+@pytest.mark.parametrize(("words", "code"), OUTCOMES.values(), ids=OUTCOMES)
+def test_exit_code_is_that_of_the_table(words, code):
+    assert run(*words)[0] == code
+
+
+def test_help_has_the_exit_codes():
+    code, text = run("--help")
+    assert code == 0
+    assert "Exit code: 0 the result is certified or complete, 1 the command ran" in text
