@@ -28,7 +28,7 @@ LARGEST = 1e100
 """Magnitude above which products of three numbers overflow."""
 
 
-def plants_known() -> list[str]:
+def plants_known() -> tuple[str, ...]:
     """Return the names of the plants."""
     from ann_dc.problem import plants
 

@@ -22,7 +22,8 @@ from typing import Annotated, Any
 import typer
 import typer.main
 from rich.text import Text
-from typer.completion import Shells, completion_init, get_completion_script, install
+from typer._completion_classes import completion_init
+from typer._completion_shared import Shells, get_completion_script, install
 from typer.core import TyperCommand, TyperGroup
 
 from ann_dc.cli.commands.renamed import check_command, check_options
@@ -105,8 +106,8 @@ class _Commands(TyperGroup):
 app = typer.Typer(
     cls=_Commands,
     help="Optimal control on an analog neural network: declare a problem, let the network settle, "
-    "get a certified optimum.\n\nExit code: 0 the result is certified or complete, 1 the command ran "
-    "with another outcome, 2 bad input or unwritable output, 130 interrupted.",
+    "get a certified optimum.\n\nExit code: 0 the result is certified or complete, 1 the command "
+    "ran with another outcome, 2 bad input or unwritable output, 130 interrupted.",
     epilog="Start with:  ann-dc plants,  ann-dc solve car,  ann-dc show car",
     no_args_is_help=True,
     add_completion=False,
