@@ -20,6 +20,7 @@ from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.si_prefixes import counted
 from ann_dc.solution.solution import Solution
+from ann_dc.summaries import summarised
 from ann_dc.validation import checked
 
 NEAR = 2.0
@@ -77,6 +78,14 @@ class Remedy:
 
 
 @such_as("ann_dc.diagnose(design)")
+@summarised(
+    lambda self: {
+        "title": self.title,
+        "preconditioner": self.kind.value,
+        "reason": self.reason,
+        "advice": self.advice,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
     """Reasons for the settling time of a design, and remedies.

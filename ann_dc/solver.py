@@ -7,8 +7,10 @@ run(network). The functions here also accept a problem at each of these steps.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
-from typing import Annotated, overload
+from functools import wraps
+from typing import Annotated, Any, TypeVar, overload
 
 from ann_dc.analysis.objectives import Objective
 from ann_dc.backends.ode import OdeBackend
@@ -17,7 +19,7 @@ from ann_dc.conversion import declare_words
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.decomposition.idle import held
-from ann_dc.errors import DesignError, FormError
+from ann_dc.errors import ArgumentTypeError, DesignError, FormError
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
@@ -40,6 +42,8 @@ from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
 from ann_dc.validation import Count, NotEmpty, NotNegative, Own, Positive, checked
 
+Function = TypeVar("Function", bound=Callable[..., Any])
+
 
 def _recurrent() -> Backend:
     from ann_dc.backends.recurrent.backend import RecurrentBackend
@@ -55,6 +59,28 @@ OF_DESIGN = 0.7
 """Fraction of a time limit that the design may take; the rest is for the run of its network."""
 
 
+def _renamed_keyword(old: str, new: str) -> Callable[[Function], Function]:
+    """Return a decorator that also accepts the former name of a keyword, with a warning.
+
+    A call with both names raises `ArgumentTypeError`.
+    """
+
+    def decorated(function: Callable[..., Any]) -> Any:
+        @wraps(function)
+        def with_former_name(*args: Any, **kwargs: Any) -> Any:
+            if old in kwargs:
+                if new in kwargs:
+                    raise ArgumentTypeError(f"{old}: expected {new} alone, got both; leave it out")
+                warnings.warn(f"{old}: former name; use {new}", DeprecationWarning, stacklevel=2)
+                kwargs[new] = kwargs.pop(old)
+            return function(*args, **kwargs)
+
+        return with_former_name
+
+    return decorated
+
+
+@_renamed_keyword("limit", "time_limit")
 @checked
 def solve(
     problem: OptimalControlProblem,
@@ -64,7 +90,7 @@ def solve(
     gains: Gains | Design | None = None,
     preconditioner: Annotated[Kinds, NotEmpty()] | None = None,
     backend: Backend | str | None = None,
-    limit: Positive | None = None,
+    time_limit: Positive | None = None,
     progress: Progress = silent,
 ) -> Solution:
     """Solve an optimal-control problem with an analog neural network and certify it.
@@ -87,7 +113,7 @@ def solve(
         Default: those that suit the backend.
     backend : Backend or str, optional
         Default: `OdeBackend`; `RecurrentBackend`, or "recurrent", for recurrent steps.
-    limit : float, optional
+    time_limit : float, optional
         Wall-clock limit in seconds. On expiry or at a first Ctrl-C the current state is returned
         with a corresponding status. Default: no limit.
     progress : Progress
@@ -133,7 +159,7 @@ def solve(
     network = synthesize(equations, initial_guess=initial_guess)
     backend = reporting(backend or OdeBackend(), progress)
     ode = continuous(backend) if form.oracle_gain else None
-    with Deadline(progress, float("inf") if limit is None else limit) as deadline:
+    with Deadline(progress, float("inf") if time_limit is None else time_limit) as deadline:
         prospect = Prospect(problem=problem, progress=deadline)
         if gains is None:
             lender = form.designable

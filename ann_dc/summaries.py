@@ -6,6 +6,8 @@ import html
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+import numpy as np
+
 Kind = TypeVar("Kind", bound=type)
 
 LONGEST = 120
@@ -41,6 +43,21 @@ def summarised(rows: Callable[[Any], Mapping[str, object]]) -> Callable[[Kind], 
         return kind
 
     return give
+
+
+def extent(values: np.ndarray) -> str:
+    """Return the range of an array in a few words.
+
+    Examples
+    --------
+    >>> extent(np.array([0.25, 3.0, np.nan])), extent(np.array([2, 2]))
+    ('0.25 .. 3', '2')
+    """
+    known = values[~np.isnan(values)]
+    if not known.size:
+        return "none"
+    low, high = f"{known.min():.4g}", f"{known.max():.4g}"
+    return low if low == high else f"{low} .. {high}"
 
 
 def _short(value: object) -> str:

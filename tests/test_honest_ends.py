@@ -105,7 +105,7 @@ def test_a_point_that_is_flat_is_not_called_a_maximum():
 
 
 def an_impatient_run():
-    return ann_dc.solve(plants.car(N=6), limit=1e-9)
+    return ann_dc.solve(plants.car(N=6), time_limit=1e-9)
 
 
 def a_stalled_run():

@@ -19,7 +19,7 @@ GRACE = 5.0
 def returned(family: str, seed: int, limit: float, grace: float = GRACE):
     given = problem(family, seed)
     begin = time.process_time()
-    solution = ann_dc.solve(given, limit=limit)
+    solution = ann_dc.solve(given, time_limit=limit)
     assert time.process_time() - begin < limit + grace
     assert isinstance(solution.status.outcome, Outcome)
     assert str(solution)

@@ -13,7 +13,7 @@ import ann_dc
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.status import Outcome
-from ann_dc.errors import ArgumentValueError
+from ann_dc.errors import ArgumentTypeError, ArgumentValueError
 from ann_dc.problem import plants
 from ann_dc.progress import Deadline, Paced, Stopped, silent
 
@@ -67,7 +67,7 @@ def test_in_a_thread_signals_are_left_alone():
 
 @pytest.mark.parametrize("backend", [None, OdeBackend(), RecurrentBackend()])
 def test_solve_returns_what_is_there_when_time_is_up(backend):
-    solution = ann_dc.solve(plants.car(), backend=backend, limit=TINY)
+    solution = ann_dc.solve(plants.car(), backend=backend, time_limit=TINY)
     assert solution.status.outcome is Outcome.STOPPED
     assert "1e-09 s were over (limit)" in str(solution.status)
     assert not solution.certified
@@ -108,8 +108,8 @@ def test_a_run_that_is_stopped_keeps_its_curves(backend, monkeypatch):
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])
 def test_a_limit_that_is_none(limit):
-    with pytest.raises(ArgumentValueError, match=r"limit: expected a (positive )?number"):
-        ann_dc.solve(plants.double_integrator(N=5), limit=limit)
+    with pytest.raises(ArgumentValueError, match=r"time_limit: expected a (positive )?number"):
+        ann_dc.solve(plants.double_integrator(N=5), time_limit=limit)
 
 
 @pytest.mark.usefixtures("interruptible")
@@ -142,3 +142,12 @@ def test_early_deadline_tells_its_own_seconds():
         Deadline(silent, 1e-9).early(0.5).check()
     assert Deadline(silent, 60.0).early(0.7).seconds == pytest.approx(42.0)
     assert Deadline(silent).early(0.7).seconds == float("inf")
+
+
+def test_former_name_of_the_time_limit_warns_and_is_refused_beside_the_present_one():
+    problem = plants.double_integrator(N=5)
+    with pytest.warns(DeprecationWarning, match="limit: former name.*use time_limit"):
+        solution = ann_dc.solve(problem, limit=TINY)
+    assert solution.status.outcome is Outcome.STOPPED
+    with pytest.raises(ArgumentTypeError, match="limit: expected time_limit alone, got both"):
+        ann_dc.solve(problem, limit=TINY, time_limit=TINY)

@@ -8,8 +8,11 @@ import pytest
 
 import ann_dc
 from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.families.front import Front
 from ann_dc.study.table import Table
 from ann_dc.summaries import LONGEST, summarised
+from ann_dc.two_level.coordination import Coordination
+from ann_dc.two_level.run import TwoLevelRun
 
 PROBLEM = ann_dc.plants.double_integrator(N=3)
 
@@ -35,6 +38,36 @@ RECORDS = {
         ("rows: 4", "neurons"),
     ),
     "level": (ann_dc.levels.macro, ("name: macro", "models: macro")),
+    "equations": (
+        lambda: ann_dc.decompose(PROBLEM),
+        ("problem: double_integrator", "form: corrected", "states: x, v"),
+    ),
+    "misprinted equations": (lambda: ann_dc.decompose(PROBLEM, "S8"), ("form: with S8",)),
+    "cell": (lambda: solution().network.cell, ("neurons: q.x, q.v", "inputs: ")),
+    "gains": (lambda: solution().design.gains, ("preconditioner: ", "rho: ", "rate: ")),
+    "spectrum": (lambda: solution().design.spectrum, ("eigenvalues: ", "stiffness ratio: ")),
+    "certificate": (lambda: solution().certificate, ("KKT residual: ", "certified: yes")),
+    "trajectory": (lambda: solution().trajectory, ("network: double_integrator", "times: ")),
+    "diagnosis": (lambda: ann_dc.diagnose(solution().design), ("reason: ", "advice: ")),
+    "batch": (
+        lambda: ann_dc.RecurrentBackend().run_batch(solution().network, {"q_d.x": [0.5, 1.0]}),
+        ("samples: 2", "settled: 2 of 2", "steps: "),
+    ),
+    "study": (
+        lambda: ann_dc.Study(subject=PROBLEM, vary={"input.q_d.x": [0.5, 1.0]}, samples=1),
+        ("title: ", "cases: 2", "varied: input.q_d.x", "metrics: settling_time"),
+    ),
+    "multistart": (lambda: ann_dc.multistart(PROBLEM, 2), ("initial guesses: 2", "optima: 1")),
+    "waveform": (
+        lambda: ann_dc.Waveform(times=np.arange(500.0), values=np.zeros(500)),
+        ("values: 500", "from: 0", "to: 499"),
+    ),
+    "circuit": (
+        lambda: ann_dc.SpiceBackend(level="macro").prepare(
+            ann_dc.design(PROBLEM, preconditioner="diagonal").network
+        )[0],
+        ("network: double_integrator", "parameters: "),
+    ),
     "circuits": (lambda: ann_dc.SpiceBackend(level="macro"), ("level: macro", "series: exact")),
 }
 
@@ -69,5 +102,9 @@ def test_long_values_are_cut():
     assert len(repr(Long())) < LONGEST + 20
 
 
-def test_circuit_run_has_a_short_representation():
-    assert CircuitRun.__repr__.__module__ == "ann_dc.summaries"
+@pytest.mark.parametrize(
+    "kind", [CircuitRun, Front, Coordination, TwoLevelRun, ann_dc.FamilyDesign]
+)
+def test_results_of_long_runs_have_a_short_representation(kind):
+    assert kind.__repr__.__module__ == "ann_dc.summaries"
+    assert kind._repr_html_.__module__ == "ann_dc.summaries"

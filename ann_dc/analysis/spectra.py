@@ -37,6 +37,7 @@ from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner, PreconditionerKind
 from ann_dc.progress import Paced, Progress, silent
+from ann_dc.summaries import summarised
 from ann_dc.validation import Count, State, checked
 
 # ---- the ends of a large network's spectrum, by Arnoldi iterations on J = M d drive / dx
@@ -261,6 +262,14 @@ AT_REST = 1e-10
 """Largest eigenvalue relative to the radius of a mode that does not move."""
 
 
+@summarised(
+    lambda self: {
+        "eigenvalues": len(self.eigenvalues),
+        "radius": f"{self.radius:.4g}",
+        "abscissa": f"{self.abscissa:.4g}",
+        "stiffness ratio": f"{self.stiffness_ratio:.4g}",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spectrum:
     """Eigenvalues of d rhs / dx at a state.

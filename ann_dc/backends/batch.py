@@ -20,6 +20,7 @@ from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.network.waveforms import Waveform
 from ann_dc.si_prefixes import counted
+from ann_dc.summaries import extent, summarised
 
 _Check = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Samples (b,), network times (b,), states (b, n) and residuals (b, 2) of one check."""
@@ -127,6 +128,15 @@ class BatchRecorder:
         )
 
 
+@summarised(
+    lambda self: {
+        "network": self.network.title,
+        "samples": len(self.outcomes),
+        "settled": f"{np.count_nonzero(self.settled)} of {len(self.outcomes)}",
+        "steps": extent(self.steps),
+        "settling times": extent(self.settling_times),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchRun:
     """Runs of many copies of a network with different inputs or numbers.

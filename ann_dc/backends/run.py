@@ -37,7 +37,9 @@ class Run:
     tolerance : float
         Tolerance on the relative KKT residual.
     settling_time : float
-        Network time after which the residual stays below the tolerance; nan if it never does.
+        Network time after which the residual stays below the tolerance; nan if it never does. With
+        inputs over time the residual is that of the inputs at each time, so this is also the time
+        after which the network follows them.
     verified : str
         Description of the check of the settling time.
     steps, evaluations : int

@@ -98,9 +98,10 @@ def settling_time(trajectory: Trajectory, settling: Settling, exit: float | None
     """Return the last exit of the residual and, if requested, of the controls.
 
     The result is nan if the run ended outside a tolerance. ``exit`` is the last exit of the
-    residual located inside its step; by default the exit is interpolated between steps.
+    residual located inside its step. By default, and if it is nan, as in runs with inputs over
+    time, the exit is interpolated between steps.
     """
-    if exit is None:
+    if exit is None or np.isnan(exit):
         exit = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
     if settling.controls is None:
         return exit

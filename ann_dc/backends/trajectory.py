@@ -18,12 +18,21 @@ from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import NetworkError, such_as
 from ann_dc.evaluation.rules import size_in_words, size_of
 from ann_dc.network.network import Network
+from ann_dc.summaries import summarised
 
 SAMPLES = 2000
 """Number of states stored per run; larger records are thinned to every second state."""
 
 
 @such_as("solution.run.trajectory")
+@summarised(
+    lambda self: {
+        "network": self.network.title,
+        "neurons": self.states.shape[-1],
+        "times": len(self.time),
+        "end": f"{self.time[-1]:.4g}" if len(self.time) else "",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory(Record, Tabulated):
     """States over network time.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -23,13 +24,32 @@ def console(*, stderr: bool = False, quiet: bool = False) -> Console:
 
 @contextlib.contextmanager
 def progress_line(quiet: bool = False) -> Iterator[Progress]:
-    """Show a progress line on stderr if it is an interactive terminal."""
+    """Show a progress line on stderr if it is an interactive terminal.
+
+    If `quiet`, notices of the library are not printed either.
+    """
     shown = console(stderr=True)
-    if quiet or not shown.is_terminal:
+    if quiet:
+        with _without_notices():
+            yield silent
+        return
+    if not shown.is_terminal:
         yield silent
         return
     with shown.status("starting", spinner="line") as status:
         yield lambda line: status.update(Text(line))
+
+
+@contextlib.contextmanager
+def _without_notices() -> Iterator[None]:
+    """Turn off the notices of the library, such as that of a long compilation."""
+    logger = logging.getLogger("ann_dc")
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 @contextlib.contextmanager

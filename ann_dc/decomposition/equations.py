@@ -34,6 +34,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.inequality import Inequality
 from ann_dc.problem.soft import Soft
 from ann_dc.problem.step_length import StepLength
+from ann_dc.summaries import summarised
 from ann_dc.timing import phase
 from ann_dc.validation import NotEmpty, checked
 
@@ -153,6 +154,15 @@ Equations: TypeAlias = Annotated[tuple[Stationarity, ...], NotEmpty()]
 
 @such_as("ann_dc.decompose(problem)")
 @checked
+@summarised(
+    lambda self: {
+        "problem": self.problem.name,
+        "form": self.form,
+        "states": ", ".join(map(str, self.problem.states)),
+        "controls": ", ".join(map(str, self.problem.controls)),
+        "inequalities": len(self.rows) + len(self.end_rows),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageEquations:
     """Equations of stage k of a decomposed problem, in the user's symbols.

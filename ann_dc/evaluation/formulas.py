@@ -77,7 +77,7 @@ def _kept_here() -> Iterator[None]:
         numba.config.CACHE_DIR = before
 
 
-def _njit(**options: bool) -> Any:
+def _njit(**options: Any) -> Any:
     compile_ = kept(fastmath=_MATH, no_cfunc_wrapper=True, **options)
 
     def decorated(function: Callable) -> Any:
@@ -96,8 +96,10 @@ def called_by_address(function: Callable, signature: Any) -> Any:
 FOLDER = _folder()
 compiled = _njit()
 """Decorator: compiled once per machine and cached on disk."""
-released = _njit(nogil=True)
-"""Decorator like `compiled`, for functions that run in several threads."""
+lengthy = _njit(seconds=3.0)
+"""Decorator like `compiled`, for functions whose compilation is announced."""
+released = _njit(nogil=True, seconds=6.0)
+"""Decorator like `lengthy`, for functions that run in several threads."""
 inner = _njit(no_cpython_wrapper=True)
 """Decorator like `compiled`, for functions called from compiled code only: without the Python
 wrapper, which takes half of the compilation.

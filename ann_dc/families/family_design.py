@@ -41,6 +41,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.solution import certificate_of
+from ann_dc.summaries import summarised
 from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.validation import Own, checked
 
@@ -215,6 +216,13 @@ HELD_OUT = 1000
 
 @such_as("ann_dc.design(problem, ranges=...)")
 @checked
+@summarised(
+    lambda self: {
+        "network": self.network.title,
+        "preconditioner": self.gains.preconditioner.kind.value,
+        "validation": self.validation,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FamilyDesign:
     """Network designed for an operating range, with its validation.

@@ -34,6 +34,7 @@ from ann_dc.problem.initial_guess import interpolated_guess
 from ann_dc.problem.minimax import normalised, weighed, weights_of
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import certificate_of
+from ann_dc.summaries import summarised
 from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.validation import NotEmpty, Own, checked
 
@@ -50,6 +51,14 @@ KINDS = (
 
 
 @checked
+@summarised(
+    lambda self: {
+        "problem": self.problem.name,
+        "objectives": ", ".join(self.names),
+        "points": len(self.values),
+        "certified": f"{np.count_nonzero(self.certified)} of {len(self.values)}",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Front:
     """Points of the Pareto front of several objectives.

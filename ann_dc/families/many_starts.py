@@ -38,6 +38,7 @@ from ann_dc.progress import Progress, silent
 from ann_dc.si_prefixes import counted
 from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.solution import Solution, certificate_of
+from ann_dc.summaries import summarised
 from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.validation import NotEmpty, Own, checked
@@ -90,6 +91,14 @@ class Optimum:
 
 
 @checked
+@summarised(
+    lambda self: {
+        "problem": self.problem.name,
+        "initial guesses": len(self.starts),
+        "optima": len(self.optima),
+        "not settled": self.unsettled,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Multistart:
     """Optima of a network from many initial guesses.

@@ -20,11 +20,19 @@ from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner
 from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.summaries import extent, summarised
 from ann_dc.validation import FloatOrNan, OrNan, Shape, checked
 
 
 @such_as("ann_dc.manual_gains(network)")
 @checked
+@summarised(
+    lambda self: {
+        "preconditioner": self.preconditioner.kind.value,
+        "rho": extent(self.rho),
+        "rate": extent(self.rate),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gains:
     """Designed or manual constants of a network.

@@ -35,6 +35,7 @@ from ann_dc.network.duals import ONE as ONE, InequalityDual, ObjectiveDual, PIDu
 from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.functions import function_block
 from ann_dc.scale import IDENTITY, Scale
+from ann_dc.summaries import summarised
 
 
 class Template(enum.IntEnum):
@@ -198,6 +199,14 @@ class Connection:
         return wire_name(self.source, self.target, self.where)
 
 
+@summarised(
+    lambda self: {
+        "neurons": ", ".join(neuron.name for neuron in self.neurons),
+        "blocks": len(self.blocks),
+        "connections": len(self.connections),
+        "inputs": ", ".join(self.inputs),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cell:
     """Wiring common to all N stages.

@@ -12,6 +12,7 @@ import numpy as np
 
 from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import FileFormatError, NetworkError, UnknownNameError, such_as
+from ann_dc.summaries import summarised
 from ann_dc.validation import Finite, checked
 
 Hold: TypeAlias = Literal["linear", "previous"]
@@ -21,6 +22,14 @@ HOLDS: dict[str, Hold] = {"linear": "linear", "previous": "previous"}
 
 @such_as("ann_dc.Waveform(times=[0.0, 10.0], values=[1.0, 2.0])")
 @checked
+@summarised(
+    lambda self: {
+        "values": len(self.values),
+        "from": f"{self.times[0]:g}",
+        "to": f"{self.times[-1]:g}",
+        "hold": self.hold,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Waveform(Record):
     """Input as a function of network time.

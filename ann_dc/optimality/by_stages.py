@@ -42,10 +42,10 @@ DEPENDENT = 1e-9
 
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
-compiled = kept(no_cfunc_wrapper=True)
+lengthy = kept(no_cfunc_wrapper=True, seconds=6.0)
 """Decorator: compile once per machine, cached on disk. Loops compile twice as fast as slices."""
 inner = kept(no_cfunc_wrapper=True, no_cpython_wrapper=True)
-"""Decorator as `compiled`, for functions that only compiled code calls."""
+"""Decorator as `lengthy`, for functions that only compiled code calls."""
 
 
 class Minimum(Enum):
@@ -84,7 +84,7 @@ def counted(expansion: Expansion, rows: np.ndarray) -> Minimum:
     return _ANSWERS[found]
 
 
-@compiled
+@lengthy
 def _swept(J, W, G, end, held, first, nothing, is_lifted):
     """Run the recursion from the end to the start; the free q_0 is one more stage."""
     V, C, found = end, held, _STRICT

@@ -32,6 +32,7 @@ from ann_dc.optimality.minimum import minimum_of
 from ann_dc.optimality.newton import newton_step
 from ann_dc.optimality.soft_constraints import SoftRows
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.summaries import summarised
 from ann_dc.validation import OrNan, Shape, checked
 
 StageStates: TypeAlias = Annotated[np.ndarray, Shape("problem.n", "problem.horizon"), OrNan()]
@@ -44,6 +45,15 @@ LARGEST_STEP = 1e-4
 """Largest relative Newton step of a certified point."""
 
 
+@summarised(
+    lambda self: {
+        "objective": f"{self.objective:.10g}",
+        "KKT residual": f"{self.kkt_residual:.1e}",
+        "second order": self.minimum.value,
+        "Newton step": f"{self.newton_step:.1e}",
+        "certified": "yes" if self.certified else f"no, {self.reason}",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Certificate:
     """Optimality certificate of a settled point.

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from ann_dc.decomposition.equations import rounded
+from ann_dc.decomposition.equations import StageEquations, rounded
 from ann_dc.network.cell import Block, Function, Product
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import scales_of
+from ann_dc.report.json_file import picked
 from ann_dc.report.tables import span, table
+from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted, lasting
 
 
@@ -52,17 +55,53 @@ def _computes(block: Block, arriving: Mapping[str, list[str]]) -> str:
 
 def scale_table(problem: OptimalControlProblem) -> Table:
     """Return a table of the physical values of network one and network zero, by name."""
-    scales = scales_of(problem)
     shown = table("scale of", "a network value of 1 is", "a network's zero is", dense=True)
-    named = [
-        *((f"q.{s}", scale) for s, scale in zip(problem.states, scales.states)),
-        *((f"u.{s}", scale) for s, scale in zip(problem.controls, scales.controls)),
-    ]
-    for name, scale in named:
+    for name, scale in _named_scales(problem).items():
         unit = problem.unit(name).removesuffix("1")  # "1" stands for none
         shown.add_row(name, f"{scale.factor:.6g} {unit}", f"{scale.offset:.6g} {unit}")
-    shown.add_row("cost", f"{scales.cost:.6g} {problem.cost_unit}", "0")
+    shown.add_row("cost", f"{scales_of(problem).cost:.6g} {problem.cost_unit}", "0")
     return shown
+
+
+def _named_scales(problem: OptimalControlProblem) -> dict[str, Scale]:
+    """Return the scales of states and controls by neuron."""
+    scales = scales_of(problem)
+    states = ((f"q.{s}", scale) for s, scale in zip(problem.states, scales.states))
+    controls = ((f"u.{s}", scale) for s, scale in zip(problem.controls, scales.controls))
+    return dict([*states, *controls])
+
+
+def network_dict(equations: StageEquations, network: Network) -> dict[str, Any]:
+    """Return equations, cell and scales of a network as data for JSON."""
+    problem, cell = equations.problem, network.cell
+    scales = {
+        name: picked(scale, "factor", "offset") for name, scale in _named_scales(problem).items()
+    }
+    return {
+        "problem": problem.name,
+        "form": str(equations.form),
+        "states": [*map(str, problem.states)],
+        "controls": [*map(str, problem.controls)],
+        "horizon": problem.horizon,
+        "units": {**problem.units, "time": problem.time_unit},
+        "lagrangian": str(equations.lagrangian),
+        "equations": [
+            {
+                "number": number,
+                "variable": str(each.variable),
+                "expression": str(each.expression),
+                "sign": each.sign,
+            }
+            for number, each in equations.numbered
+        ],
+        "inequalities": [*map(str, (*equations.rows, *equations.end_rows))],
+        **picked(network, "size", "stages"),
+        "neurons": [{**picked(n, "name", "shared"), "role": n.role.value} for n in cell.neurons],
+        "blocks": [{**asdict(b), "kind": type(b).__name__.lower()} for b in cell.blocks],
+        "connections": [picked(c, "source", "target", "weight", "where") for c in cell.connections],
+        "inputs": cell.inputs,
+        "scales": {**scales, "cost": {"factor": scales_of(problem).cost, "offset": 0.0}},
+    }
 
 
 def remarks(problem: OptimalControlProblem) -> list[str]:

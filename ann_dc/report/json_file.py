@@ -44,11 +44,13 @@ def picked(record: object, *names: str) -> dict[str, Any]:
 
 
 def _strict(value: Any) -> Any:
-    """Return plain JSON data: lists for arrays, and null for non-finite numbers."""
+    """Return plain JSON data: lists for arrays, text for paths, null for non-finite numbers."""
     if isinstance(value, Mapping):
         return {str(key): _strict(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_strict(item) for item in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
     if hasattr(value, "tolist"):  # an array or a number of NumPy
         return _strict(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -50,6 +50,24 @@ def plant_page(plant: Plant, defaults: Mapping[str, str]) -> list[Any]:
     return [_summary(plant), str(plant()), units, parameters, f"change one with --set: {example}"]
 
 
+def plant_dict(plant: Plant, defaults: Mapping[str, str]) -> dict[str, Any]:
+    """Return the problem and the parameters of a plant as data for JSON."""
+    problem, meanings = plant(), _documented(plant) | COMMON
+    return {
+        "name": plant.__name__,
+        "description": _summary(plant),
+        "states": [*map(str, problem.states)],
+        "controls": [*map(str, problem.controls)],
+        "horizon": problem.horizon,
+        "interval": problem.interval,
+        "units": {**problem.units, "time": problem.time_unit},
+        "parameters": {
+            name: {"default": default, "meaning": meanings.get(name, "")}
+            for name, default in defaults.items()
+        },
+    }
+
+
 def _summary(plant: Plant) -> str:
     """Return the first sentence of a plant's docstring without mark-up."""
     paragraph = " ".join((inspect.getdoc(plant) or "").split("\n\n")[0].split())

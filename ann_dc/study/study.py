@@ -41,6 +41,7 @@ from ann_dc.study.table import Table
 from ann_dc.study.tasks import Task, attempted
 from ann_dc.study.work import Work, tasks, versions
 from ann_dc.study.worker import stop_script
+from ann_dc.summaries import summarised
 from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import ends_of
 
@@ -49,6 +50,14 @@ LAYOUT = 1
 
 
 @checked
+@summarised(
+    lambda self: {
+        "title": self.title,
+        "cases": len(self),
+        "varied": ", ".join(self.vary),
+        "metrics": ", ".join(metric.name for metric in self.metrics),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study(Record):
     """Varied settings of a network and the metrics measured in every case.
@@ -78,7 +87,7 @@ class Study(Record):
         Largest value, or (smallest, largest), that a good sample satisfies. Default: no limits.
     curves : int
         Number of states over time stored per case. Default 0, which stores none.
-    limit : float or None
+    time_limit : float or None
         Wall-clock limit per case, in seconds. A batch has this limit for each of its cases plus one
         second. The first task of a process has ten more seconds, to load and compile. Default None,
         no limit.
@@ -114,7 +123,7 @@ class Study(Record):
     seed: Index = 0
     spec: Mapping[str, Any] = field(default_factory=dict)
     curves: Index = 0
-    limit: Positive | None = None
+    time_limit: Positive | None = None
     title: str = ""
 
     def __post_init__(self) -> None:
@@ -293,7 +302,7 @@ class Study(Record):
                 store,
                 executor=Here() if executor is None and workers == 0 else executor,
                 workers=1 if workers == 0 else workers,
-                limit=self.limit,
+                limit=self.time_limit,
                 common={VERSIONS: versions()},
                 progress=progress,
             )

@@ -9,7 +9,7 @@ Nothing in the file is executed::
     sampling = "sobol"             # of ranges: random, latin-hypercube or sobol
     seed = 1
     curves = 0                     # states over time stored per case
-    limit = 60.0                   # seconds per case
+    time_limit = 60.0              # seconds per case
 
     [vary]                         # varied settings; names: ann-dc study --list-settings SUBJECT
     nonideal.mismatch = [0.003, 0.01, 0.03]
@@ -47,7 +47,7 @@ PLAIN = {
     "samples": int,
     "seed": int,
     "curves": int,
-    "limit": (int, float),
+    "time_limit": (int, float),
     "title": str,
     "metrics": list,
     "spec": dict,

@@ -24,6 +24,7 @@ from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
+from ann_dc.summaries import summarised
 from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.two_level.levels import TwoLevels
 from ann_dc.two_level.lower_level import LowerLevel
@@ -85,6 +86,14 @@ COORDINATORS: dict[str, Coordinator] = {
 
 
 @checked
+@summarised(
+    lambda self: {
+        "problem": self.problem.name,
+        "coordinator": self.coordinator,
+        "outcome": self.message,
+        "certified": "yes" if self.certified else "no",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordination:
     """Run of the two-level algorithm with its predictions and certificate.

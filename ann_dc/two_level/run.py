@@ -13,11 +13,19 @@ import numpy as np
 
 from ann_dc.backends.status import Outcome
 from ann_dc.si_prefixes import counted
+from ann_dc.summaries import summarised
 from ann_dc.two_level.lyapunov import Distances, Lyapunov, printed_of
 from ann_dc.validation import OrNan, Shape, checked
 
 
 @checked
+@summarised(
+    lambda self: {
+        "samples": len(self.states),
+        "rounds": self.rounds,
+        "settled": f"{np.count_nonzero(self.settled)} of {len(self.states)}",
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoLevelRun:
     """Record of J outer iterations of B samples.

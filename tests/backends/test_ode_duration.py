@@ -99,3 +99,15 @@ def test_a_limit_ends_exactly_where_it_says():
     run = ann_dc.OdeBackend(limit=100, verify=False).run(van_der_pol())
     assert run.status.outcome is Outcome.NOT_SETTLED
     assert run.trajectory.time[-1] == pytest.approx(100.0, rel=1e-12)
+
+
+def test_settling_time_with_an_input_over_time_is_counted_from_its_last_change():
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=4), preconditioner="diagonal").network
+    moved = ann_dc.Waveform(times=[0.0, 50.0], values=[0.5, 1.0], hold="previous")
+    network = network.with_inputs({"q_d.x": moved})
+    run = ann_dc.OdeBackend(duration=400.0).run(network)
+    assert run.status.settled
+    assert 50.0 < run.settling_time < 300.0
+    at_end = network.with_inputs({"q_d.x": 1.0}).with_start(run.trajectory.at([50.0])[0])
+    alone = ann_dc.OdeBackend().run(at_end)
+    assert run.settling_time == pytest.approx(50.0 + alone.settling_time, rel=0.01)

@@ -87,7 +87,7 @@ def measure(given) -> ArrayLayout | None:
         return None
     began, wall = time.process_time(), time.perf_counter()
     try:
-        solution = ann_dc.solve(given, limit=LIMIT)
+        solution = ann_dc.solve(given, time_limit=LIMIT)
     except ann_dc.errors.AnnDcError as error:
         return ArrayLayout(given.name, False, False, False, False, False, 0.0, 0.0, str(error)[:90])
     seconds, wall = time.process_time() - began, time.perf_counter() - wall

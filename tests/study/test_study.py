@@ -129,7 +129,9 @@ def test_a_metric_of_ones_own():
     np.testing.assert_allclose(table["twice"], 2 * table["settling_time"])
 
 
-@pytest.mark.parametrize("given", [{"samples": 0}, {"seed": -1}, {"curves": 1.5}, {"limit": 0.0}])
+@pytest.mark.parametrize(
+    "given", [{"samples": 0}, {"seed": -1}, {"curves": 1.5}, {"time_limit": 0.0}]
+)
 def test_numbers_that_are_none(given):
     with pytest.raises(ArgumentError):
         Study(subject="car", **given)

@@ -19,7 +19,7 @@ samples = 8
 sampling = "sobol"
 seed = 5
 curves = 10
-limit = 30
+time_limit = 30
 
 [vary]
 nonideal.mismatch = [0.003, 0.01]
@@ -45,7 +45,7 @@ def test_every_field_of_a_file(tmp_path):
     study = load_study(written(tmp_path, WHOLE))
     same = Study(
         subject="car", title="chips", metrics=["settling_time", "control_error"], samples=8,
-        sampling=study.sampling, seed=5, curves=10, limit=30,
+        sampling=study.sampling, seed=5, curves=10, time_limit=30,
         vary={
             "nonideal.mismatch": [0.003, 0.01],
             "input.q_d.x": (3, 7),
@@ -108,7 +108,7 @@ def test_what_only_python_can_repeat():
         ('subject = "car"\nsamples = "3"', "samples: expected a whole number"),
         ('subject = "car"\nsamples = 0', "samples"),
         ('subject = "car"\nseed = true', "seed: expected a whole number"),
-        ('subject = "car"\nlimit = -1', "limit"),
+        ('subject = "car"\ntime_limit = -1', "limit"),
         ('subject = "car"\nsampling = "dice"', "sampling: expected one of random"),
         ('subject = "car"\nvary.input.q_d.x = {low = 3}', "a range is"),
         ('subject = "car"\nvary.input.q_d.x = {low = 3, high = 4, step = 1}', "a range is"),

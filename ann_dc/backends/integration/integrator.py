@@ -19,7 +19,7 @@ import numpy as np
 from ann_dc.backends.integration.between import Aside, extended, inside, last_exit
 from ann_dc.backends.integration.systems import combined, kept, residuals, slope, squares
 from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.evaluation.formulas import compiled, inlined
+from ann_dc.evaluation.formulas import compiled, inlined, lengthy
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 """Safety factor of the next step; smallest and largest factor relative to the last step."""
@@ -208,7 +208,7 @@ def _accept(course, rows):
         slopes[0, i] = slopes[last, i]
 
 
-@compiled
+@lengthy
 def advance(system, rows, course, ends, log):
     """Take steps until an end condition is met or the log is full.
 

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ann_dc.cli.arguments.options import option
+from ann_dc.cli.arguments.options import completing, option
 from ann_dc.cli.arguments.words import named
 from ann_dc.errors import ProblemError, require_positive
 from ann_dc.progress import Progress, silent
@@ -27,6 +27,7 @@ FormOption = Annotated[
     typer.Option(
         metavar="FORM",
         help="Equations: corrected, printed (as in the paper), or one erratum, S1 to S17.",
+        autocompletion=completing(lambda: _forms()),
     ),
 ]
 
@@ -36,7 +37,10 @@ class StartOptions:
     """Initial guess of the neurons."""
 
     initial_guess: str = option(
-        "Initial neurons: line (from q_0 to q_d), zero or random.", default="line", metavar="WORD"
+        "Initial neurons: line (from q_0 to q_d), zero or random.",
+        default="line",
+        metavar="WORD",
+        autocompletion=completing(lambda: ("line", "zero", "random")),
     )
     seed: int = option("Seed of random initial guesses and of --range.", default=0, min=0)
     starts: int | None = option(
@@ -72,6 +76,7 @@ class RunOptions:
         "Update order of the neurons: simultaneous, two-phase (duals after primals) or "
         "stage-by-stage.",
         metavar="ORDER",
+        autocompletion=completing(lambda: ("simultaneous", "two-phase", "stage-by-stage")),
         show_default="simultaneous",
     )
     step: str | None = _recurrent_option(
@@ -102,6 +107,12 @@ BACKENDS = {
     "recurrent": ("order", "step", "accelerate", "max_steps"),
 }
 """Backends with the options that are specific to each."""
+
+
+def _forms() -> list[str]:
+    from ann_dc.decomposition.form import FORMS
+
+    return [*FORMS]
 
 
 def form_of(word: str):

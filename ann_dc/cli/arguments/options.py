@@ -13,7 +13,7 @@ a `ProblemOptions` that contains all of them.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, field, fields, is_dataclass
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -53,6 +53,22 @@ TimingOption = Annotated[
         "its first use.",
     ),
 ]
+
+
+def completing(words: Callable[[], Iterable[str]], *, several: bool = False) -> Callable:
+    """Return a shell completion from words, or of the last of several comma-separated words.
+
+    >>> completing(lambda: ["tank", "car", "cart_pole"])("ca")
+    ['car', 'cart_pole']
+    >>> completing(lambda: ["diagonal", "multilevel"], several=True)("multilevel,d")
+    ['multilevel,diagonal']
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",") if several else ("", "", incomplete)
+        return [f"{before}{comma}{word}" for word in words() if word.startswith(last.lower())]
+
+    return complete
 
 
 def option(text: str, *names: str, default: Any = None, **look: Any) -> Any:

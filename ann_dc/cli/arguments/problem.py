@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ann_dc.cli.arguments.options import argument, option
+from ann_dc.cli.arguments.options import argument, completing, option
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
 from ann_dc.timing import phase
 
@@ -26,6 +26,13 @@ ENDS = ("q_0", "q_d")
 """Settings with components that may be free."""
 LARGEST = 1e100
 """Magnitude above which products of three numbers overflow."""
+
+
+def plants_known() -> tuple[str, ...]:
+    """Return the names of the plants."""
+    from ann_dc.problem import plants
+
+    return plants.names()
 
 
 def settings_of(given: Iterable[str]) -> dict[str, str]:
@@ -119,7 +126,11 @@ NOT_FINITE = re.compile(r"\b(infs?|nans?|finite|too big|too large|maximum)\b", r
 class ProblemOptions:
     """Options that describe a problem."""
 
-    problem: str = argument("Plant (see ann-dc plants) or .toml file.", metavar="PROBLEM")
+    problem: str = argument(
+        "Plant (see ann-dc plants) or .toml file.",
+        metavar="PROBLEM",
+        autocompletion=completing(plants_known),
+    )
     settings: list[str] | None = option(
         "Parameter of the plant (D=0.5, q_d=5,5,0,free), q_0, q_d, horizon or dt of a .toml file, "
         "or a scale (scale.x=1000). Repeatable.",

@@ -8,7 +8,7 @@ from typing import Annotated, TypeVar
 
 import typer
 
-from ann_dc.cli.arguments.options import option
+from ann_dc.cli.arguments.options import completing, option
 from ann_dc.errors import DesignError, ProblemError, UnknownNameError
 from ann_dc.network.preconditioners.base import KINDS, PreconditionerKind
 
@@ -37,6 +37,7 @@ PreconditionersOption = Annotated[
         "--preconditioner",
         metavar="NAME,...",
         help=f"Preconditioners to compare: {', '.join(KINDS)}.",
+        autocompletion=completing(lambda: KINDS, several=True),
         show_default="all that can be built",
     ),
 ]
@@ -46,6 +47,7 @@ PreconditionerOption = Annotated[
         "--preconditioner",
         metavar="NAME",
         help=f"Preconditioner of the network: {', '.join(KINDS)}.",
+        autocompletion=completing(lambda: KINDS),
         show_default="diagonal",
     ),
 ]
@@ -89,6 +91,7 @@ TableOption = Annotated[
         "--table",
         metavar="WORD",
         help="Rows of the table of states and controls: short, all, none.",
+        autocompletion=completing(lambda: ROWS),
     ),
 ]
 
@@ -111,6 +114,14 @@ LEVELS = (
 )
 """Help text with the names of the model levels."""
 
+
+def levels_known() -> list[str]:
+    """Return the names of the model levels."""
+    from ann_dc.hardware.parts.level_words import level_words
+
+    return [*level_words()]
+
+
 MarginOption = Annotated[
     float | None,
     typer.Option(
@@ -129,6 +140,7 @@ class LevelOptions:
         LEVELS,
         default="macro",
         metavar="LEVEL",
+        autocompletion=completing(levels_known),
     )
     a0: float | None = option("Open-loop gain of the op amps.", "--a0", show_default="1e6")
     gbw: float | None = option(

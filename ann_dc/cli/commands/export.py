@@ -61,6 +61,7 @@ def export(
         is_eager=True,
         callback=_list_formats,
     ),
+    json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Export a network as weights or to runtimes, circuits, chips and figures.
@@ -96,15 +97,16 @@ def export(
         from ann_dc.export.exporting import export_network, settings_from
 
         check_duration(duration)
+        make_room(json_file)
         names = [name.strip() for names in to or ["weights"] for name in names.split(",")]
         settings = settings_from(names, pairs_of(given or (), "--option", "bits=16"))
         network = _network(problem, preconditioner, progress)
         done = export_network(
             network, names, output, duration=duration, progress=progress, **settings
         )
-    for each in done:
-        console(quiet=quiet).print(_sentence(each), soft_wrap=True)
-    raise typer.Exit(1 if any(each.why_not for each in done) else 0)
+        written = write_results([asdict(each) for each in done], json_file)
+    code = 1 if any(each.why_not for each in done) else 0
+    finish(map(_sentence, done), written, quiet=quiet, code=code)
 
 
 def _sentence(done: Any) -> str:
@@ -161,7 +163,7 @@ def inspect(
 
         make_room(json_file)
         found = inspect_export(place, progress=progress)
-        content = [asdict(each) | {"place": str(each.place), "good": each.good} for each in found]
+        content = [asdict(each) | {"good": each.good} for each in found]
         written = write_results(content, json_file)
     shown = inspection_table(found[0]) if len(found) == 1 else inspections_table(found)
     finish([shown], written, quiet=quiet, code=0 if all(each.good for each in found) else 1)

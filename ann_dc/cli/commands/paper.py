@@ -21,18 +21,20 @@ def paper(
 ) -> None:
     """Solve the paper's car example and show the effect of its printed equations.
 
-    Six runs: the corrected network with wheel base D = 1 m and D = 0.5 m; (16) and (17) exactly as
-    printed (rho = 0), and with the gains of the corrected network; the corrected equations without
-    dB/dq, and on the plain network (rho = 0, unit time constants) from 1 % off the optimum. Then
-    the two-level iteration of Figure 6, with both theorems. Times are as in 'ann-dc solve'. Files:
-    result.json, the figures of the two corrected runs, and Figures 1 to 6 with the printed
-    equations for comparison.
+    Six runs: the corrected network with wheel base D = 1 m and D = 0.5 m; (16)
+    and (17) exactly as printed (rho = 0), and with the gains of the corrected
+    network; the corrected equations without dB/dq, and on the plain network
+    (rho = 0, unit time constants) from 1 % off the optimum. Then the two-level
+    iteration of Figure 6, with both theorems. Times are as in 'ann-dc solve'.
+    Files: result.json, the figures of the two corrected runs, and Figures 1 to
+    6 with the printed equations for comparison.
 
     Usage examples:
 
       ann-dc paper --output out
 
-    Exit code: 0 both corrected runs settle and are certified, 1 otherwise, 2 bad input.
+    Exit code: 0 both corrected runs settle and are certified, 1 otherwise,
+    2 bad input or unwritable output.
     """
     result = output / "result.json"
     make_folder(output)

@@ -12,6 +12,7 @@ from ann_dc.cli.arguments.options import (
     QuietOption,
     TrajectoryOption,
     argument,
+    completing,
     option,
     timed,
 )
@@ -21,7 +22,7 @@ from ann_dc.cli.arguments.saved_network import (
     is_network,
     saved_network,
 )
-from ann_dc.cli.arguments.words import LEVELS, LevelOptions, MarginOption, level_of
+from ann_dc.cli.arguments.words import LEVELS, LevelOptions, MarginOption, level_of, levels_known
 from ann_dc.cli.terminal import finish, notes, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.progress import Progress
@@ -39,6 +40,7 @@ class ModelOptions(LevelOptions):
         f"ode (the ideal network), or a circuit in ngspice. {LEVELS}",
         default=ODE,
         metavar="LEVEL",
+        autocompletion=completing(lambda: [ODE, *levels_known()]),
     )
     bandwidth_margin: MarginOption = None
     method: str | None = method_option()

@@ -9,11 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from ann_dc.cli.arguments.backends import FormOption, form_of
-from ann_dc.cli.arguments.options import argument, option, unfolded
-from ann_dc.cli.arguments.problem import ProblemOptions, as_typed, defaults_of, plant_of
+from ann_dc.cli.arguments.options import JsonOption, argument, completing, option, unfolded
+from ann_dc.cli.arguments.problem import (
+    ProblemOptions,
+    as_typed,
+    defaults_of,
+    plant_of,
+    plants_known,
+)
 from ann_dc.cli.arguments.words import TableOption, stages_of
-from ann_dc.cli.terminal import console, progress_line
+from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.errors import ProblemError
+from ann_dc.report.json_file import make_room, write_results
 
 
 @unfolded
@@ -31,6 +38,7 @@ def show(
     form: FormOption = "corrected",
     table: TableOption = "short",
     problem: ProblemOptions,
+    json_file: JsonOption = None,
 ) -> None:
     """Show the network of a problem: equations, cell, counts, scales.
 
@@ -40,19 +48,24 @@ def show(
     Without options: the equations as text, the counts and the scales. Time
     constants tau and weights are in network units, before gains are designed.
     Scales follow from the problem, so the network is the same in any units.
-    --set scale.x=1000 sets a scale manually.
+    --set scale.x=1000 sets a scale manually. --json writes equations, cell and
+    scales, or the stored solution.
 
     Usage examples:
 
       ann-dc show car
       ann-dc show car --cell
+      ann-dc show car --json -
       ann-dc show demos/pendulum.toml --latex > equations.tex
       ann-dc show out/car
+
+    Exit code: 0 shown, 2 bad input or unwritable output.
     """
+    make_room(json_file)
     with progress_line() as progress:
         from ann_dc.decomposition.equations import decompose
         from ann_dc.decomposition.latex import as_latex
-        from ann_dc.report.cell import cell_listing, remarks, scale_table
+        from ann_dc.report.cell import cell_listing, network_dict, remarks, scale_table
         from ann_dc.synthesis.synthesis import synthesize
 
         rows = stages_of(table)
@@ -61,26 +74,25 @@ def show(
         if saved is not None and not chosen:
             from ann_dc.report.solution import Stages, solution_report
 
-            console().print(solution_report(saved, stages=Stages(rows)))
-            return
+            written = write_results(saved.as_dict(), json_file)
+            finish([solution_report(saved, stages=Stages(rows))], written)
         declared = problem.declared() if saved is None else saved.problem
         stage = decompose(declared, form_of(form))
         parts: list[Any] = []
         if equations or latex or not chosen:
             progress("writing the equations")
             parts.append(as_latex(stage) if latex else str(stage))
-        if cell or counts or not chosen:
+        written: list[Path] = []
+        if cell or counts or json_file or not chosen:
             progress("wiring the network")
             network = synthesize(stage)
             parts += cell_listing(network) if cell else []
             parts += [str(network)] if counts or not chosen else []
+            written = write_results(network_dict(stage, network), json_file)
         parts += [] if latex else remarks(stage.problem)
         if scales or not chosen:
             parts.append(scale_table(stage.problem))
-    for number, part in enumerate(parts):
-        if number:
-            console().print()
-        console().print(part, soft_wrap=isinstance(part, str))
+    finish([line for part in parts for line in ("", part)][1:], written)
 
 
 def _saved(problem: ProblemOptions):
@@ -102,8 +114,12 @@ def _saved(problem: ProblemOptions):
 def plants(
     *,
     name: str | None = argument(
-        "Plant whose parameters are listed.", default=None, metavar="[NAME]"
+        "Plant whose parameters are listed.",
+        default=None,
+        metavar="[NAME]",
+        autocompletion=completing(plants_known),
     ),
+    json_file: JsonOption = None,
 ) -> None:
     """List the plants of the package, or the parameters of one.
 
@@ -114,16 +130,27 @@ def plants(
 
       ann-dc plants
       ann-dc plants car
+      ann-dc plants --json -
+
+    Exit code: 0 listed, 2 bad input or unwritable output.
     """
+    make_room(json_file)
     with progress_line():
         from ann_dc.problem import plants as known
-        from ann_dc.report.plants import plant_page, plant_table
+        from ann_dc.report.plants import plant_dict, plant_page, plant_table
 
         if name is None:
-            parts: list[Any] = [plant_table(known.get(plant) for plant in known.names())]
+            each = [known.get(word) for word in known.names()]
+            parts: list[Any] = [plant_table(each)]
+            content: Any = [plant_dict(plant, _typed(plant)) for plant in each] if json_file else []
         else:
             plant = plant_of(name)
-            typed = {n: as_typed(default) for n, default in defaults_of(plant).items()}
-            parts = plant_page(plant, typed)
-    for part in parts:
-        console().print(part)
+            parts = plant_page(plant, _typed(plant))
+            content = plant_dict(plant, _typed(plant))
+        written = write_results(content, json_file)
+    finish(parts, written)
+
+
+def _typed(plant: Any) -> dict[str, str]:
+    """Return the defaults of the parameters of a plant, as --set takes them."""
+    return {name: as_typed(default) for name, default in defaults_of(plant).items()}

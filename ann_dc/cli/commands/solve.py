@@ -23,6 +23,7 @@ from ann_dc.cli.arguments.options import (
     JsonOption,
     QuietOption,
     TrajectoryOption,
+    completing,
     option,
     timed,
 )
@@ -90,6 +91,7 @@ def solve(
         "Backend: ode (continuous time) or recurrent (discrete time).",
         default="ode",
         metavar="BACKEND",
+        autocompletion=completing(lambda: BACKENDS),
     ),
     form: FormOption = "corrected",
     initial_guess: StartOptions,

@@ -223,6 +223,7 @@ def report(
     *,
     folder: Path = argument("Folder of a study.", metavar="DIR"),
     output: Path | None = option("HTML page.", metavar="FILE", show_default=f"{NAME} in DIR"),
+    json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Write the result of a study as one HTML page to read, search and print.
@@ -250,8 +251,10 @@ def report(
 
         file = output or folder / NAME
         with Store.open(folder) as store:
-            make_room(None, file)
+            make_room(json_file, file)
             write_study_page(store, file, progress=progress)
             figures = write_residuals(store, file)
             count = len(store)
-    finish([f"{count:,} points"], [file, *figures], quiet=quiet)
+        files = [file, *figures]
+        written = [*files, *write_results({"cases": count, "files": files}, json_file)]
+    finish([f"{count:,} points"], written, quiet=quiet)

@@ -49,6 +49,7 @@ from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_value
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Limiter
 from ann_dc.scale import IDENTITY, Scale
+from ann_dc.summaries import summarised
 
 
 class Quantity(enum.Enum):
@@ -221,6 +222,13 @@ diode drops from the output.
 
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")
+@summarised(
+    lambda self: {
+        "network": self.schematic.network.title,
+        "parameters": len(self.parameters),
+        "parts": len(self.schematic.parts),
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Circuit(Record):
     """Schematic with component values in volts, seconds, ohms and farads.

@@ -8,7 +8,7 @@ import time
 from statistics import median
 
 import pytest
-from command_line import ROOT, refused, run, terminal
+from command_line import ROOT, SMALL, refused, run, terminal
 
 import ann_dc
 
@@ -37,21 +37,48 @@ def test_help_of_a_command_has_an_example_and_units(command):
         ("ann-dc s", ["solve", "study", "show"]),
         ("ann-dc circuit --error", ["--error-budget"]),
         ("ann-dc solve car --tr", ["--trajectory"]),
+        ("ann-dc solve uni", ["unicycle", "unicycle_soft_obstacle"]),
+        ("ann-dc plants orb", ["orbit_transfer"]),
+        ("ann-dc circuit car --level opa", ["opa192_ad734", "opa828_ad734"]),
+        ("ann-dc run a.npz --level o", ["ode", "ota-c", "opa192_ad734", "opa828_ad734"]),
+        ("ann-dc export car --preconditioner mul", ["multilevel"]),
+        ("ann-dc solve car --preconditioner diagonal,mul", ["diagonal,multilevel"]),
+        ("ann-dc solve car --backend r", ["recurrent"]),
+        ("ann-dc show car --form cor", ["corrected"]),
     ],
 )
-def test_completion_names_commands_and_their_options(words, completed):
+def test_completion_names_commands_options_and_words(words, completed):
     count = str(len(words.split()) - 1)
     asked = {"COMP_WORDS": words, "COMP_CWORD": count, "_ANN_DC_COMPLETE": "complete_bash"}
     code, out, _ = terminal(**asked)
     assert (code, out.decode().split()) == (0, completed)
 
 
-def test_completion_script_is_shown():
-    code, out, _ = terminal(
-        "--show-completion", "bash", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1"
-    )
+SCRIPTS = {
+    "bash": (".bash_completions/ann-dc.sh", "complete -o default -F _ann_dc_completion ann-dc"),
+    "zsh": (".zfunc/_ann-dc", "#compdef ann-dc"),
+    "fish": (".config/fish/completions/ann-dc.fish", "complete --command ann-dc"),
+}
+"""File below the home folder, and a part of its content, by shell."""
+
+
+@pytest.mark.parametrize("shell", SCRIPTS)
+def test_completion_is_installed_and_shown_for_the_named_shell(shell, tmp_path):
+    name, part = SCRIPTS[shell]
+    code, out, _ = terminal("--install-completion", shell, HOME=str(tmp_path))
     assert code == 0
-    assert b"complete -o default -F _ann_dc_completion ann-dc" in out
+    assert str(tmp_path / name) in out.decode()
+    assert part in (tmp_path / name).read_text(encoding="utf-8")
+    code, out, _ = terminal("--show-completion", shell, HOME=str(tmp_path))
+    assert code == 0
+    assert part in out.decode()
+
+
+def test_completion_of_an_unknown_shell_is_refused(tmp_path):
+    code, _, error = terminal("--install-completion", "csh", HOME=str(tmp_path))
+    assert code == 2
+    assert b"bash" in error
+    assert [*tmp_path.iterdir()] == []
 
 
 def test_without_arguments_the_help_is_shown():
@@ -140,3 +167,27 @@ def started(script, times=3):
         )
         runs.append((time.perf_counter() - began, done.stdout.strip()))
     return runs
+
+
+OUTCOMES = {
+    "certified": (["solve", *SMALL], 0),
+    "listed": (["plants"], 0),
+    "stopped at a limit": (["solve", *SMALL, "--max-settling", "5"], 1),
+    "out of time": (["solve", *SMALL, "--time-limit", "1e-9"], 1),
+    "unreachable": (["solve", "double_integrator", "-N", "1", "--no-verify"], 1),
+    "unknown plant": (["solve", "kar"], 2),
+    "unknown option": (["solve", "car", "--colour"], 2),
+    "unknown command": (["sovle"], 2),
+    "unwritable output": (["solve", *SMALL, "--json", str(ROOT)], 2),
+}
+
+
+@pytest.mark.parametrize(("words", "code"), OUTCOMES.values(), ids=OUTCOMES)
+def test_exit_code_is_that_of_the_table(words, code):
+    assert run(*words)[0] == code
+
+
+def test_help_has_the_exit_codes():
+    code, text = run("--help")
+    assert code == 0
+    assert "Exit code: 0 the result is certified or complete, 1 the command ran" in text
