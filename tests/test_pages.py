@@ -27,10 +27,11 @@ def rows_of(page: Path, heading: str) -> list[list[str]]:
 def exists(name: str) -> bool:
     """Return True if a dotted name, a command or an option exists."""
     if name.startswith("ann-dc "):
-        _, command, *options = name.split()
+        _, command, *words = name.split()
+        options = {word for word in words if word.startswith("--")}
         found = typer.main.get_group(app).commands.get(command)
         known = [] if found is None else [word for one in found.params for word in one.opts]
-        return found is not None and {*options} <= {*known}
+        return found is not None and options <= {*known}
     parts = name.split(".")
     for count in range(len(parts), 0, -1):
         try:
