@@ -2,11 +2,13 @@
 
 import importlib
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
 import typer
 from code_blocks import ROOT
+from test_docstrings import WORDS
 
 from ann_dc.cli.commands.app import app
 from ann_dc.navigation import scenario
@@ -14,6 +16,74 @@ from ann_dc.study.study_file import PLAIN
 
 GUIDE = ROOT / "demos" / "guide"
 ROW = re.compile(r"^\| (.+) \|$", re.MULTILINE)
+FENCE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *(ROOT / name for name in ("circuits/README.md", "ann_dc/README.md", "tests/bench/README.md")),
+    *sorted((ROOT / "demos").rglob("*.md")),
+]
+LONGEST = 120
+"""Letters of a line outside tables and code."""
+GENERATED = re.compile(r"Measured \d{4}-")
+"""Beginning of the line that a bench writes on one line."""
+pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def prose_of(page: Path) -> str:
+    """Return a page without its code blocks, with the same line numbers."""
+    return FENCE.sub(lambda match: "\n" * match[0].count("\n"), page.read_text("utf-8"))
+
+
+def long_lines(text: str) -> list[str]:
+    """Return lines of prose that are too long."""
+    lines = [line for line in text.splitlines() if len(line) > LONGEST]
+    return [line for line in lines if not (line.startswith("|") or GENERATED.match(line))]
+
+
+def rates_of(text: str) -> dict[str, float]:
+    """Return the occurrences per 10,000 words of every word whose rate is limited."""
+    count = len(text.split())
+    return {
+        word: 1e4 * len(re.findall(rf"\b(?:{pattern})\b", text, re.IGNORECASE)) / count
+        for word, (pattern, _) in WORDS.items()
+    }
+
+
+def too_frequent(text: str) -> dict[str, float]:
+    """Return the words of a text whose rate exceeds its limit."""
+    return {word: rate for word, rate in rates_of(text).items() if rate > WORDS[word][1]}
+
+
+@pages
+def test_lines_of_prose_fit_a_screen(page):
+    assert long_lines(prose_of(page)) == []
+
+
+@pages
+def test_headings_are_no_questions(page):
+    lines = prose_of(page).splitlines()
+    assert [line for line in lines if line.startswith("#") and "?" in line] == []
+
+
+def test_word_rates_of_all_pages_are_those_of_technical_english():
+    text = "\n".join(map(prose_of, PAGES))
+    places = Counter(
+        f"{word}: {page.relative_to(ROOT)}"
+        for page in PAGES
+        for word in too_frequent(text)
+        for _ in re.findall(rf"\b(?:{WORDS[word][0]})\b", prose_of(page), re.IGNORECASE)
+    )
+    assert places == {}
+
+
+def test_the_checks_of_prose_find_faults():
+    assert long_lines("| " + "x" * 130 + " |\n" + "y" * 121) == ["y" * 121]
+    assert too_frequent("Tell what it says beside that.").keys() == {
+        "what",
+        "say",
+        "tell",
+        "beside",
+    }
 
 
 def rows_of(page: Path, heading: str) -> list[list[str]]:
