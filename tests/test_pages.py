@@ -22,6 +22,9 @@ PAGES = [
     *(ROOT / name for name in ("circuits/README.md", "ann_dc/README.md", "tests/bench/README.md")),
     *sorted((ROOT / "demos").rglob("*.md")),
 ]
+WITHOUT_TERMS = {"index", "glossary", "examples"}
+TERMS = [p for p in (ROOT / "README.md", *GUIDE.glob("*.md")) if p.stem not in WITHOUT_TERMS]
+"""Pages that use terms of the glossary."""
 LONGEST = 120
 """Letters of a line outside tables and code."""
 GENERATED = re.compile(r"Measured \d{4}-")
@@ -140,6 +143,12 @@ def test_other_names_do_not_exist(name):
 def test_terms_of_the_glossary_are_sorted_and_occur_once():
     terms = [row[0].lower() for row in rows_of(GUIDE / "glossary.md", "Glossary")]
     assert terms == sorted(set(terms))
+
+
+@pytest.mark.parametrize("page", TERMS, ids=lambda page: page.stem)
+def test_introduction_links_the_glossary(page):
+    introduction = re.split(r"^(?:## |\|)", page.read_text("utf-8"), flags=re.MULTILINE)[0]
+    assert re.search(r"\]\((?:demos/guide/)?glossary\.md\)", introduction)
 
 
 def keys_of(rows: list[list[str]]) -> set[str]:
