@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 import typer
+import yaml
 from code_blocks import ROOT
 from test_docstrings import WORDS
 
+import ann_dc
 from ann_dc.cli.commands.app import app
 from ann_dc.navigation import scenario
 from ann_dc.study.study_file import PLAIN
@@ -163,3 +165,13 @@ def test_keys_of_study_files_are_those_of_the_reader():
 def test_keys_of_scenario_files_are_those_of_the_reader():
     rows = rows_of(GUIDE / "file_formats.md", "Scenario")
     assert keys_of(rows) == {*scenario.REQUIRED, *scenario.OPTIONAL}
+
+
+def test_citation_has_the_keys_of_its_format():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["cff-version"] == "1.2.0"
+    assert {"message", "title", "authors"} <= citation.keys()
+    assert str(citation["version"]) == ann_dc.__version__
+    (paper,) = citation["references"]
+    assert {"type", "title", "authors"} <= paper.keys()
+    assert paper["title"] in " ".join((ROOT / "README.md").read_text("utf-8").split())
