@@ -1,6 +1,6 @@
 """Misprints of the paper, one at a time.
 
-Question: Which misprints matter, and what does a reader see who implements them?
+Question: Which misprints matter, and how does a network with each of them behave?
 Answer:   Each switch S1 to S17 runs with the multilevel gains that are designed for the corrected
           network; the printed form (16), (17) runs with rho = 0 and unit time constants. Wrong
           signs (S1, S2, S8, S10, S17), a wrong neighbour (S9) and the printed form diverge. S4, S7

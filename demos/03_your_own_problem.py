@@ -1,6 +1,6 @@
 """A problem of your own: a model boat across a brook.
 
-Question: What does a problem that is not in the library take?
+Question: Which declarations does a problem outside the library need?
 Answer:   Its symbols, the equation of motion, the cost and both boundary conditions: twenty lines.
           The network settles at a certified optimum: the boat crosses almost at right angles,
           drifts with the current, and moors 2 m downstream with its bow upstream.

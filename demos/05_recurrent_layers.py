@@ -1,7 +1,7 @@
 """The network in discrete time: clock periods instead of time constants.
 
-Question: How many steps does a switched-capacitor version take, and what do update order, step
-          length and acceleration change?
+Question: How many steps does a switched-capacitor version take, by update order, step length and
+          acceleration?
 Answer:   With multilevel gains about 200 steps if all neurons move at once, slightly fewer if
           multipliers move after the primal neurons or stage by stage, with the best fixed step and
           with the adaptive step alike; 80 to 110 with Anderson acceleration. Beyond the limit 2a /

@@ -1,7 +1,7 @@
 """The paper's two-level algorithm over its outer iterations.
 
-Question: The paper says that lambda settles after the third iteration. What converges in three
-          iterations?
+Question: The paper states that lambda settles after the third iteration. Which iteration converges
+          as fast?
 Answer:   Not the two-level iteration. On the plain Lagrangian the oracle gain lambda = |B/A| finds
           no solution, because the hypothesis of Theorem IV.2 fails. With augmentation the oracle
           has not settled after 2000 outer iterations, two fixed gains take 308, and a Newton

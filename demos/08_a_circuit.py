@@ -1,6 +1,7 @@
 """The network as a circuit of op amps in ngspice.
 
-Question: Does the circuit settle at the optimum, how fast, and what does finite op-amp gain cost?
+Question: Does the circuit settle at the optimum, how fast, and with which error from finite op-amp
+          gain?
 Answer:   With ideal parts its controls are those of the ODE to 4e-7. With op amps of 10 MHz it
           settles in 36 us. A finite gain A0 makes the multiplier integrators leak, and the relative
           error of the controls is 27 / A0. If op amps are less than 6.2 times as fast as the

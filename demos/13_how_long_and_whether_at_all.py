@@ -1,6 +1,6 @@
 """Free final time and infeasible targets.
 
-Question: Can the network choose the time as well, and what does it report if no solution exists?
+Question: Can the network choose the time as well, and how does it report that no solution exists?
 Answer:   A step length that is a decision is one more state, carried from stage to stage. The boat
           crosses the sooner, the higher the price of a second, and every result is certified. If
           the boat is too weak to moor upstream, `solve` reports the target as infeasible within a

@@ -2,11 +2,11 @@
 
 Question: A car should reach its target with little effort on a short path. How does a network weigh
           both?
-Answer:   It minimises the larger of the two (equation (6)), each relative to its range between best
+Answer: It minimises the larger of the two (equation (6)), each relative to its range between best
           and worst. Neurons that are common to all cells measure each objective and hold the level
-          that none exceeds; multipliers that add up to one give the share of each objective in the
-          cost. At equal weights both are equal. The weights are inputs, so one network with fixed
-          gains gives the whole Pareto front, every point certified (`ann_dc.pareto`).
+          that none exceeds; multipliers that add up to one give the fraction of each objective in
+          the cost. At equal weights both are equal. The weights are inputs, so one network with
+          fixed gains gives the whole Pareto front, every point certified (`ann_dc.pareto`).
 Figure:   out/demos/16_minimax.png: the front between ideal and nadir, how fast the car goes along
           it, and how objectives, level and shares settle.
 """

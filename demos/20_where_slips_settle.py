@@ -2,13 +2,13 @@
 
 Question: Which of the misprinted networks diverge, which find the optimum, and which settle at
           another point?
-Answer:   Of nineteen forms (corrected, S1 to S17, as printed) ten settle, three at the certified
-          optimum: the corrected form, S14, which is no misprint, and S16, which needs the solution.
-          S12 finds the controls to 1e-8, nine times as slowly, with multipliers that are a ninth of
-          the right ones. Six settle at another point: S4, S5 and S7 on paths of other cost, S11
-          with inconsistent boundary conditions, S13 and S15 without effort. S7 is closest: its
-          controls are 2.6 % off, and it settles in the same 153 tau_min. Nine do not settle. Only a
-          certificate tells these cases apart.
+Answer: Of nineteen forms (corrected, S1 to S17, as printed) ten settle, three at the certified
+          optimum: the corrected form, S14, which is not a misprint, and S16, which needs the
+          solution. S12 finds the controls to 1e-8, nine times as slowly, with multipliers that are
+          a ninth of the right ones. Six settle at another point: S4, S5 and S7 on paths of other
+          cost, S11 with inconsistent boundary conditions, S13 and S15 without effort. S7 is
+          closest: its controls are 2.6 % off, and it settles in the same 153 tau_min. Nine do not
+          settle. Only a certificate separates these cases.
 Figure:   out/demos/20_where_slips_settle.png
 """
 

@@ -1,6 +1,6 @@
 """Export: rounding and size of every format.
 
-Question: What is lost when the network leaves this package?
+Question: Which accuracy is lost when the network leaves this package?
 Answer:   Digits, if the format rounds. Controls are within 0.1 % from words of 13 bits, 4096 levels
           of a conductance or 1024 units of a capacitor on; below, single sizes may be lucky. One
           more bit or twice the levels halves the error; twice the units divide it by 2.6. Below 10

@@ -16,7 +16,7 @@ INTRODUCTION = """# Examples
 
 Every example states its question, its answer and its figure, and runs on its own:
 `python demos/01_the_papers_example.py` writes into `out/demos/`. `make demos` runs all of them
-(minutes; 08 to 10, 22, 24 and 26 to 28 need ngspice). The [guide](guide/index.md) explains terms
+(minutes; 08 to 10, 22, 24 and 26 to 28 need ngspice). The [guide](./guide/index.md) explains terms
 and methods; `tau_min` is the fastest time constant of a network. This page is written by
 `python tests/gallery.py --write` from the examples themselves.
 """
@@ -42,7 +42,8 @@ def entry(demo: Path) -> str:
     pictures = sorted((DEMOS / "pictures").glob(f"{demo.name[:2]}_*.png"))
     pictures = [DEMOS / "pictures" / "overview.png"] * demo.name.startswith("01") + pictures
     shown = [f"![{title}](pictures/{picture.name})" for picture in pictures]
-    lines = [f"## [{demo.name[:2]}]({demo.name}) {title}", f"*{question}*", answer]
+    link = f"[{demo.name}](./{demo.name})"
+    lines = [f"## {demo.name[:2]} {title}", f"*{question}* {link}", answer]
     return "\n\n".join(
         [textwrap.fill(line, WIDTH, break_long_words=False) for line in lines] + shown
     )

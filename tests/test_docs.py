@@ -21,6 +21,10 @@ def test_pages_are_built_without_a_warning_and_load_nothing_from_other_hosts(tmp
     assert [page.name for page in pages if LOADED.search(page.read_text("utf-8"))] == []
     assert "ann_dc.solve" in (tmp_path / "reference" / "solve.html").read_text("utf-8")
     assert "--backend" in (tmp_path / "reference" / "commands.html").read_text("utf-8")
+    examples = (tmp_path / "examples.html").read_text("utf-8")
+    pictures = sorted(path.name for path in (GUIDE.parent / "pictures").glob("*.png"))
+    assert sorted(re.findall(r'src="_images/([^"]+)"', examples)) == pictures
+    assert "guide.css" in examples  # limits the width of the pictures
 
 
 def test_the_reference_has_every_public_name():

@@ -101,7 +101,7 @@ def test_quoted_figures_are_rows_of_the_benches():
 def test_every_demo_and_every_picture_is_in_the_gallery():
     gallery = text_of(ROOT / "demos" / "README.md")
     for demo in (ROOT / "demos").glob("[0-9]*.py"):
-        assert f"]({demo.name})" in gallery
+        assert f"](./{demo.name})" in gallery
     for picture in (ROOT / "demos" / "pictures").glob("*.png"):
         assert f"](pictures/{picture.name})" in gallery
         assert picture.stat().st_size < 150_000

@@ -19,6 +19,8 @@ default_role = "py:obj"  # names in single backticks link to their entries
 html_theme = "furo"
 html_title = f"ann_dc {release}"
 html_show_sphinx = False
+html_static_path = ["_static"]
+html_css_files = ["guide.css"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3

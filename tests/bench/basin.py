@@ -1,4 +1,4 @@
-"""The basin: frozen networks from twenty random starts, kind by kind.
+"""Random initial guesses: networks with fixed gains from twenty guesses, by preconditioner.
 
 Every kind of metric is designed from the line and frozen; the network then runs from seeded random
 starts of the spread that the suite uses. A run is lost when it does not settle at a certified
@@ -33,7 +33,7 @@ KINDS = (
 
 
 def lost(name: str, kind: PreconditionerKind) -> tuple[int, float]:
-    """How many of the starts are lost, and the median settling in fastest time constants."""
+    """How many of the starts are lost, and the median settling time in fastest time constants."""
     problem = SUITE[name].problem
     designed = ann_dc.design(problem, preconditioner=[kind])
     settling = []
@@ -58,8 +58,8 @@ def of_problem(name: str) -> list[Figure]:
     return [
         Figure(
             name=f"{name}, {kind.value}",
-            value=f"{count} of {STARTS} lost",
-            remark=f"median settling {median:.0f} fastest time constants",
+            value=f"{count} of {STARTS} not certified",
+            remark=f"median settling time {median:.0f} tau_min",
             good=count <= bar or kind is PreconditionerKind.DIAGONAL,
         )
         for kind, (count, median) in found.items()

@@ -1,4 +1,4 @@
-"""A thousand cars at once: networks a second, beside one by one and diffrax.
+"""Batches of 1024 cars: networks per second, against single runs and diffrax.
 
 Each car has another start and another target. `run_batch` of either backend runs them in generated
 code, a recurrent layer in tensors; `OdeBackend` runs some of them one by one; diffrax integrates

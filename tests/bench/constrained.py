@@ -1,4 +1,4 @@
-"""Inequalities: 26 problems with rows and limits, designed from the line and run frozen.
+"""Inequalities: 26 problems with constraints and bounds, designed and run with fixed gains.
 
 Every problem is solved with one setting, and the frozen network runs in continuous time from the
 line, or from the presets that the row names. It counts when it settles to a certified optimum,
@@ -43,7 +43,7 @@ class ArrayLayout:
         first = f"optimum {'known' if self.first else 'not known'} after {self.steps} steps"
         return Figure(
             name=f"{self.name}: settling to 1e-6",
-            value=f"{self.settling:.0f} fastest time constants" if self.frozen else "never",
+            value=f"{self.settling:.0f} tau_min" if self.frozen else "never",
             remark=f"{first}; {self.remark}",
             number=self.settling if self.frozen else float("nan"),
         )

@@ -1,4 +1,4 @@
-"""Exports: seconds and bytes of writing them, and how fast what was exported runs.
+"""Exports: time and size of writing, and speed of what was exported.
 
 In onnxruntime the loop to settling runs beside the recurrent layer in torch and beside
 `RecurrentBackend`, which has generated code: the same cars (as in bench `batch`), with the same

@@ -1,4 +1,4 @@
-"""Families: one frozen network for a thousand held-out inputs, on six plants, and single designs.
+"""Operating ranges: one network for a thousand held-out inputs, on six plants.
 
 A single design belongs to the plant's own inputs; its settling is that of the frozen network from
 the straight line. The bars are 99 of 100 held-out inputs certified, within 4 times that settling.
@@ -75,7 +75,7 @@ def of_plant(name: str, held_out: int) -> Iterator[Figure]:
     yield Figure(
         name=f"{name}: 99 of 100 settle within, over a single design",
         value=f"{slowest / alone:.2f}",
-        remark=f"{slowest:.0f} fastest time constants, median {found.settling_quantile(0.5):.0f}; "
+        remark=f"{slowest:.0f} tau_min, median {found.settling_quantile(0.5):.0f}; "
         f"a single design {alone:.0f}",
         good=slowest <= SLOWER * alone,
     )

@@ -1,5 +1,4 @@
-"""The gains: how far designs are from the limit, with every kind of preconditioner and with today's
-wiring.
+"""Designs: stiffness ratio and settling time, with all preconditioners and with two kinds.
 
 Every problem is designed twice, with all kinds of preconditioner and without grid and tree, and the
 frozen network runs in continuous time from the line. The geometric means are over the problems that
@@ -26,13 +25,13 @@ from ann_dc.solution.solution import certificate_of
 
 WIRINGS = {
     "all kinds": ALL_KINDS,
-    "pyramid or none": (
+    "multilevel": (
         PreconditionerKind.MULTILEVEL,
         PreconditionerKind.COUPLED_MULTILEVEL,
         PreconditionerKind.DIAGONAL,
     ),
 }
-BARS = {"all kinds": 5.5, "pyramid or none": 15.0}
+BARS = {"all kinds": 5.5, "multilevel": 15.0}
 """Of the geometric means."""
 PROBLEMS = {name: entry.build for name, entry in (SUITE | LITERATURE).items()}
 PROBLEMS["orbit_N50"] = partial(plants.orbit_transfer, N=50)
@@ -62,10 +61,10 @@ def of_problem(name: str) -> list[tuple[str, float, Figure]]:
         taus = run.settling_time * designed.spectrum.radius if certified else float("nan")
         figure = Figure(
             name=f"{name}, {wiring}",
-            value=f"{taus:.0f} taus",
+            value=f"{taus:.0f} tau_min",
             remark=f"ratio {designed.spectrum.stiffness_ratio:.2f}, "
-            f"{designed.best.kind.value}, rows of "
-            f"{designed.best.gain_rule.equilibration_sweeps} sweeps, "
+            f"{designed.best.kind.value}, "
+            f"{designed.best.gain_rule.equilibration_sweeps} equilibration sweeps, "
             f"objective {certificate.objective:.4f}",
             good=certified,
         )

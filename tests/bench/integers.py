@@ -1,4 +1,4 @@
-"""Networks in integers over a family: 10,000 inputs in compiled C code, at 16 and at 32 bits.
+"""Networks in integers over an operating range: 10,000 inputs in C, at 16 and 32 bits.
 
 Inputs are such as a word of 16 bits holds. An answer that the code calls settled is wrong if a
 control is more than 1 % of the largest away from the controls at which the network settles in

@@ -53,7 +53,7 @@ def figures() -> Iterator[Figure]:
         yield Figure(
             name=f"right-hand side of the car, N = {stages} ({plain.size} neurons)",
             value=f"{full:.2f} us",
-            remark=f"{1e3 * full / stages:.0f} ns a cell; {bare:.2f} us without coordinators",
+            remark=f"{1e3 * full / stages:.0f} ns a cell; {bare:.2f} us diagonal",
         )
 
 

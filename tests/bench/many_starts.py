@@ -1,4 +1,4 @@
-"""Many starts in one batch: which of the known optima are met, beside as many single solves.
+"""Initial guesses in one batch: known optima that are found, and time against single solves.
 
 Single solves are `ann_dc.solve` from the first few of the same starts; their mean time counts 64
 times. Seconds are CPU seconds of one core. The bar is a tenth.
@@ -50,7 +50,7 @@ def figures() -> Iterator[Figure]:
         single = (time.process_time() - began) / SINGLE
         share = batch / (STARTS * single)
         yield Figure(
-            name=f"{name}: time, as a share of {STARTS} single solves",
+            name=f"{name}: time relative to {STARTS} single solves",
             value=f"{share:.3f}",
             remark=f"{batch:.1f} s in one batch, {single:.2f} s a single solve",
             good=share <= 0.1,

@@ -1,4 +1,4 @@
-"""Navigation: robots among discs, by the planning network, by IPOPT, and by the paper's rule.
+"""Navigation: robots among discs, by the planning network, IPOPT and the paper's rule.
 
 Worlds of three to eight discs, every second one moving, of seeds that no design uses. All planners
 have the same robot, horizon, margins, price and shield, except the paper's, which has no shield.
@@ -135,7 +135,7 @@ def _summary(name: str, journeys: Sequence[ClosedLoopRun], seconds: float) -> Dr
         unhurt=frozenset(j.world.name for j in journeys if not j.collided),
         there=len(there),
         settled=float((residuals[contact] < SETTLED).mean()) if contact.any() else np.nan,
-        cost=f"way {way:.2f}, effort {effort:.1f}, {seconds:.0f} s in all",
+        cost=f"path length {way:.2f} m, effort {effort:.1f}, {seconds:.0f} s in all",
     )
 
 

@@ -1,5 +1,4 @@
-"""Circuits with each kind of preconditioner: settling, parts and error, in ngspice and in the
-emulation.
+"""Circuits by preconditioner: settling, parts and error, in ngspice and emulated.
 
 Op amps of 10 MHz, gain 1e6, no errors of single parts; each circuit as `ann-dc circuit`
 would build it. What a preconditioner demands of its wires stands beside it: the largest lag of its
@@ -53,7 +52,7 @@ def demanded(found: PreconditionerDemand | None) -> str:
     """In few words."""
     if found is None:
         return ""
-    return f"; demands a lag below {found.lag:.1e} and weights within {found.error:.2g}"
+    return f"; requires a lag below {found.lag:.1e} and weights within {found.error:.2g}"
 
 
 def measured(

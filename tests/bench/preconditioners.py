@@ -1,4 +1,4 @@
-"""Cost of the preconditioner, kind by kind.
+"""Cost of the preconditioners by kind and number of stages.
 
 The car at N = 9, 90, 900, 9000 (same dt): nanoseconds a cell of applying a preconditioner by
 itself, in compiled loops, in torch and in NumPy, and the compiled right-hand side beside the one
@@ -148,7 +148,7 @@ def figures() -> Iterator[Figure]:
                 value=f"{1e9 * part / stages:.0f} ns a cell",
                 remark=f"torch {1e9 * torch_time(network) / stages:.0f}, NumPy "
                 f"{1e9 * reference_time(network) / stages:.0f} ns a cell; right-hand side "
-                f"{1e6 * whole:.2f} us, {whole / bare:.2f} of that with time constants alone",
+                f"{1e6 * whole:.2f} us, {whole / bare:.2f} of that with the diagonal one",
                 good=not slow and grown <= MOST_GROWTH,
             )
         yield from _in_code(networks)

@@ -1,4 +1,4 @@
-"""Boards of every preset on ten plants, and on four with bounds, with all that their parts do.
+"""Boards of every part set on ten plants, and on four with bounds.
 
 Each is made as `ann-dc circuit` makes it. What the emulation calls stable has to settle in ngspice,
 with its error and its settling time within `CLOSE`; what does not work has to be refused before it

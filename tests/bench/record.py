@@ -89,15 +89,37 @@ def commit() -> str:
     return f"{name} with changes" if changed - set(WRITTEN) else name
 
 
+HEAD = "| quantity | value | condition |\n|---|---|---|"
+"""Head of every table."""
+
+
 def section(title: str, figures: Sequence[Figure], when: str) -> str:
     """Heading, when and where, and the table."""
-    rows = map(row, figures)
-    return "\n".join([f"### {title}", "", when, "", "| what | figure | |", "|---|---|---|", *rows])
+    return "\n\n".join([f"### {title}", when, "\n".join([HEAD, *map(row, figures)])])
+
+
+def measured(asked: str, when: str) -> str:
+    """Return the line of a section: date, commit, machine, seconds and command.
+
+    >>> measured("kernel", "2026-11-27 at 12ab on x, in 3 s")
+    'Measured 2026-11-27 at 12ab on x, in 3 s: `make bench BENCHES=kernel`.'
+    """
+    return f"Measured {when}: `make bench BENCHES={asked}`."
+
+
+def collapsed(lines: str) -> str:
+    """Return the line of a section, and of partial renewals the last one only.
+
+    >>> collapsed("Measured a. Renewed cart: b. Renewed cart, car: c.")
+    'Measured a. Renewed cart, car: c.'
+    """
+    whole, *partial = re.split(r" (?=Renewed )", lines)
+    return " ".join([whole, *partial[-1:]])
 
 
 def row(figure: Figure) -> str:
     """Return the line of a table that shows a figure."""
-    missed = "" if figure.good else " (misses its bar)"
+    missed = "" if figure.good else " (misses its limit)"
     return f"| {figure.name} | {figure.value} | {figure.remark}{missed} |"
 
 
@@ -106,14 +128,14 @@ def patched(text: str, name: str, figures: Sequence[Figure], when: str) -> str:
 
     >>> old = Figure(name="car", value="1 s"), Figure(name="cart", value="2 s")
     >>> text = renewed("", "kernel", section("Kernel", old, "Measured today."))
-    >>> text = patched(text, "kernel", [Figure(name="cart", value="3 s")], "cart: later.")
+    >>> text = patched(text, "kernel", [Figure(name="cart", value="3 s")], "Renewed cart: later.")
     >>> [line for line in text.splitlines() if "car" in line]
-    ['Measured today. cart: later.', '| car | 1 s |  |', '| cart | 3 s |  |']
+    ['Measured today. Renewed cart: later.', '| car | 1 s |  |', '| cart | 3 s |  |']
     """
     head, before, table = content_of(text, name).split("\n\n")
     lines = [*table.splitlines(), *map(row, figures)]
     table = "\n".join({line.split(" | ")[0]: line for line in lines}.values())
-    return renewed(text, name, "\n\n".join([head, f"{before} {when}", table]))
+    return renewed(text, name, "\n\n".join([head, collapsed(f"{before} {when}"), table]))
 
 
 def content_of(text: str, name: str) -> str:
@@ -182,12 +204,12 @@ def main() -> int:
         name, _, rows = asked.partition(":")
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
             title, figures, seconds = pool.submit(figures_of, name, rows).result()
-        when = f"{datetime.date.today()} at {commit()} on {machine()}, in {seconds:.0f} s."
+        when = f"{datetime.date.today()} at {commit()} on {machine()}, in {seconds:.0f} s"
         text = README.read_text(encoding="utf-8")
         if rows:
-            text = patched(text, name, figures, f"Rows of {rows.replace(',', ', ')}: {when}")
+            text = patched(text, name, figures, f"Renewed {rows.replace(',', ', ')}: {when}.")
         else:
-            text = renewed(text, name, section(title, figures, f"Measured {when}"))
+            text = renewed(text, name, section(title, figures, measured(name, when)))
         README.write_text(text, encoding="utf-8")
         FRONT.write_text(quoting(FRONT.read_text(encoding="utf-8"), text), encoding="utf-8")
         good &= all(figure.good for figure in figures)

@@ -1,4 +1,4 @@
-"""Random problems: what `solve` certifies, at which optimum, and what it costs.
+"""Random problems: certified solutions, optima and computing time.
 
 Ten problems of each of eight families (`random_problems`), and the same with limits on controls and
 on a state that the unconstrained optimum of IPOPT would cross. Six starts of IPOPT tell the best

@@ -1,4 +1,4 @@
-"""One settled run of the paper's example, beside CVODES, fatrop, IPOPT and SQP.
+"""One settled run of the paper's example, against CVODES, fatrop, IPOPT and SQP.
 
 The network is frozen with every kind of preconditioner. Ours integrate until the KKT residual has
 fallen to 5e-9. CVODES gets the same network, node by node as a CasADi graph with its exact sparse
@@ -38,12 +38,12 @@ OURS = {
 }
 """Settings of `OdeBackend`, the first of which say when CVODES may end."""
 WIRINGS = {
-    "settled run of the car, time constants alone": PreconditionerKind.DIAGONAL,
-    "settled run of the car, pyramid": PreconditionerKind.MULTILEVEL,
-    "settled run of the car, grid": PreconditionerKind.RESISTIVE_GRID,
-    "settled run of the car, tree": PreconditionerKind.CYCLIC_REDUCTION,
+    "settled run of the car, diagonal": PreconditionerKind.DIAGONAL,
+    "settled run of the car, multilevel": PreconditionerKind.MULTILEVEL,
+    "settled run of the car, resistive grid": PreconditionerKind.RESISTIVE_GRID,
+    "settled run of the car, cyclic reduction": PreconditionerKind.CYCLIC_REDUCTION,
 }
-FOR_CVODES = ("settled run of the car, time constants alone", "settled run of the car, pyramid")
+FOR_CVODES = ("settled run of the car, diagonal", "settled run of the car, multilevel")
 SETTLED = ann_dc.Settling().tolerance * ann_dc.Settling().confirm
 
 

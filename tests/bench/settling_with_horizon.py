@@ -1,4 +1,4 @@
-"""Settling against the number of stages: the best preconditioner, a pyramid, time constants alone.
+"""Settling time over the number of stages, by preconditioner.
 
 Car, double integrator and Van der Pol at N = 9 ... 144 over the same horizon in seconds: settling
 of the frozen network to a relative KKT residual of 1e-6, in fastest time constants, measured. All
@@ -22,8 +22,8 @@ from ann_dc.network.preconditioners.base import PreconditionerKind
 STAGES = (9, 18, 36, 72, 144)
 CHOICES = {
     "all kinds": tuple(PreconditionerKind),
-    "pyramid": (PreconditionerKind.MULTILEVEL,),
-    "time constants alone": (PreconditionerKind.DIAGONAL,),
+    "multilevel": (PreconditionerKind.MULTILEVEL,),
+    "diagonal": (PreconditionerKind.DIAGONAL,),
 }
 PLANTS = {
     "car": (ann_dc.plants.car, 0.9),
@@ -52,7 +52,7 @@ def figures() -> Iterator[Figure]:
             yield Figure(
                 name=f"{name}, {choice}, N = {stages}",
                 value=", ".join(f"{s:.0f}" if np.isfinite(s) else "never" for s in found),
-                remark=f"fastest time constants; ratio {max(settled) / min(settled):.2f}",
+                remark=f"tau_min; largest over smallest {max(settled) / min(settled):.2f}",
             )
 
 

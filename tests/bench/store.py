@@ -1,4 +1,4 @@
-"""Studies: a million rows kept, read and exported, and what a task costs beside its work.
+"""Records of studies: a million stored, read and exported, and the overhead of a task.
 
 Rows have 22 columns: six of a setting, eight of metrics. They are kept in a process of its own, so
 that its largest resident size is told too; that must not grow with the rows. A task here does
@@ -99,12 +99,12 @@ def stored() -> Iterator[Figure]:
     keep, single, points, read, table, parquet, peak, frame = measured(ROWS)
     *_, less, _ = measured(FEWER)
     yield Figure(
-        name=f"rows kept, {AT_ONCE} at a time, {ROWS} in all",
+        name=f"records stored, {AT_ONCE} at a time, {ROWS} in all",
         value=f"{ROWS / keep:.0f} a second",
         remark=f"{len(COLUMNS)} columns; at least {BAR}",
         good=ROWS / keep >= BAR,
     )
-    yield Figure(name="rows kept one by one", value=f"{AT_ONCE / single:.0f} a second")
+    yield Figure(name="records stored one by one", value=f"{AT_ONCE / single:.0f} a second")
     for name, taken in (
         ("numbers of the finished points", points),
         ("all rows, one after the other", read),
@@ -112,11 +112,11 @@ def stored() -> Iterator[Figure]:
         ("Parquet file", parquet),
         ("data frame", frame),
     ):
-        yield Figure(name=f"{name}, of {ROWS} rows", value=f"{taken:.2f} s")
+        yield Figure(name=f"{name}, of {ROWS} records", value=f"{taken:.2f} s")
     yield Figure(
-        name=f"memory while {ROWS} rows are kept, read and written to files",
+        name=f"memory while {ROWS} records are stored, read and written to files",
         value=f"{peak:.0f} MB",
-        remark=f"of {FEWER} rows {less:.0f} MB; the set of finished points is among it",
+        remark=f"{less:.0f} MB with {FEWER} records; includes the set of finished cases",
         good=peak - less <= MORE_MEMORY,
     )
 
@@ -156,7 +156,7 @@ def figures() -> Iterator[Figure]:
     """Rows, and then tasks."""
     yield from stored()
     remark = "two workers, one point a task, its row kept"
-    name = "a task beside its work, "
+    name = "overhead of a task, "
     yield Figure(name=f"{name}own processes", value=f"{overhead(None):.2f} ms", remark=remark)
     with ProcessPoolExecutor(2, get_context("spawn")) as executor:
         yield Figure(name=f"{name}ProcessPoolExecutor", value=f"{overhead(executor):.2f} ms")

@@ -111,7 +111,7 @@ def chips() -> Iterator[Figure]:
         network = mismatch(car(ann_dc.PreconditionerKind.DIAGONAL), 0.01, seed=0)
         wall = timed(lambda: ann_dc.SpiceBackend().run(network)).wall
         yield Figure(
-            name="one chip without coordinators in ngspice, behavioural, prepared and run",
+            name="one chip, diagonal, in ngspice, behavioural, prepared and run",
             value=f"{1 / wall:.2f} a second",
             remark=f"wall {wall:.1f} s",
         )

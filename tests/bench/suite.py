@@ -151,7 +151,7 @@ def figures(names: Sequence[str] = tuple(SUITE), processes: int = 2) -> Iterator
     for row in rows:
         yield Figure(
             name=f"{row.name}: settling to 1e-6",
-            value=f"{row.settling:.0f} fastest time constants",
+            value=f"{row.settling:.0f} tau_min",
             remark="; ".join(filter(None, (f"predicted {row.predicted:.0f}", row.remark))),
         )
 

@@ -1,4 +1,4 @@
-"""Units: eight plants, each written in random other units, designed again and run.
+"""Units: eight plants in random other units, designed again and run.
 
 Factors are 10^U(-6, 6) on every state, every control, the cost and time. The network computes in
 the problem's own scales: its settling may differ by 1 %, the steps of the design by 5 %, and what

@@ -22,8 +22,6 @@ from typing import Annotated, Any
 import typer
 import typer.main
 from rich.text import Text
-from typer._completion_classes import completion_init
-from typer._completion_shared import Shells, get_completion_script, install
 from typer.core import TyperCommand, TyperGroup
 
 from ann_dc.cli.commands.renamed import check_command, check_options
@@ -110,7 +108,6 @@ app = typer.Typer(
     "ran with another outcome, 2 bad input or unwritable output, 130 interrupted.",
     epilog="Start with:  ann-dc plants,  ann-dc solve car,  ann-dc show car",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -136,27 +133,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _install(shell: Shells | None) -> None:
-    if shell is not None:
-        _, place = install(shell.value, "ann-dc", COMPLETION)
-        typer.echo(f"completion for {shell.value} installed in {place}; open a new terminal")
-        raise typer.Exit
-
-
-def _show(shell: Shells | None) -> None:
-    if shell is not None:
-        script = get_completion_script(
-            prog_name="ann-dc", complete_var=COMPLETION, shell=shell.value
-        )
-        typer.echo(script)
-        raise typer.Exit
-
-
-COMPLETION = "_ANN_DC_COMPLETE"
-"""Environment variable by which a shell requests completions."""
-completion_init()
-
-
 @app.callback()
 def _options(
     version: Annotated[
@@ -165,26 +141,6 @@ def _options(
             "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
         ),
     ] = False,
-    install_completion: Annotated[
-        Shells | None,
-        typer.Option(
-            "--install-completion",
-            metavar="SHELL",
-            callback=_install,
-            is_eager=True,
-            help="Install completion for bash, zsh, fish, powershell or pwsh.",
-        ),
-    ] = None,
-    show_completion: Annotated[
-        Shells | None,
-        typer.Option(
-            "--show-completion",
-            metavar="SHELL",
-            callback=_show,
-            is_eager=True,
-            help="Print the completion script of a shell.",
-        ),
-    ] = None,
 ) -> None:
     pass
 
