@@ -62,11 +62,9 @@ NOISE = 0.05
 class Cause(enum.Enum):
     """Cause of a slow mode; the value is the sentence that is displayed."""
 
-    REACH = "weakly reachable rows: the multipliers answer a push with more than the penalty"
+    REACH = "weakly reachable constraints: the multiplier sensitivity exceeds the penalty"
     CURVATURE = "the penalty is low for the curvature of the constraints"
-    PRECONDITIONER = (
-        "the preconditioner does not follow: neurons that should move together move one by one"
-    )
+    PRECONDITIONER = "the preconditioner does not couple the neurons that should change together"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

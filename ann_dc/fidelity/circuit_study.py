@@ -298,9 +298,9 @@ class CircuitStudy:
         elif found is None:
             return ""  # unknown
         elif not found.stable:
-            return "its settled point is predicted to repel"
+            return "the equilibrium is predicted to be unstable"
         elif found.other_equilibrium:
-            return f"nothing says that it gets there: {found.other_equilibrium}"
+            return f"the optimum is predicted to be missed: {found.other_equilibrium}"
         else:
             error = found.control_error
         return self._excess(error, verb)
@@ -312,15 +312,15 @@ class CircuitStudy:
         larger = "a larger full scale, " if self.raise_full_scale else ""
         if error < NEAR:
             return (
-                f"noise of {self.noise:.1%} rms of {self.size} is on its {self.terms}, beside "
-                f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
-                f"{larger}or the mean of many readings"
+                f"rms noise of the {self.terms} {self.noise:.1%} and error {error:.2g}, relative "
+                f"to {self.size}, together exceed {NEAR:.0%}; use smaller resistors, "
+                f"{larger}or the mean of several readings"
             )
-        means = f"take better parts, {larger}or a slower network"
+        means = f"use better parts, {larger}or a slower network"
         if (off := self.series_rounding.get("resistor", 0.0)) > NEAR / 10:
-            means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
-        far = f"{error:.1%} of {self.size}, above {NEAR:.0%}"
-        return f"the error of its {self.terms} {verb} {far}: {means}"
+            means = f"rounded resistors deviate by up to {off:.1%}; use pairs, or exact values"
+        far = f"{error:.1%} relative to {self.size}, which exceeds {NEAR:.0%}"
+        return f"the error of the {self.terms} {verb} {far}; {means}"
 
 
 @checked

@@ -107,7 +107,7 @@ def stage_table(solution: Solution, stages: Stages = Stages.SHORT) -> Table:
         shown.add_row(*([str(k), *cells] if k >= 0 else ["..."]))
     notes = ["all stages: --table all"] * (len(rows) < count)
     notes += [f"{hidden} more columns: --trajectory FILE"] * (hidden > 0)
-    shown.caption, shown.caption_justify = "; ".join(notes) or None, "left"
+    shown.caption = "; ".join(notes) or None
     return shown
 
 
