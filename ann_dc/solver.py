@@ -96,8 +96,9 @@ def solve(
     Returns
     -------
     Solution
-        Returned for every outcome; check ``solution.status``. An unreachable target and a cost
-        without a minimum have separate outcomes. Contradictory inequalities do not: the run stalls.
+        Returned for every outcome; check ``solution.status``. An unreachable target or contradictory
+        inequalities end as ``INFEASIBLE``, a cost without a minimum as ``UNBOUNDED``. A
+        contradiction that the feasibility check does not find ends as ``STALLED`` or ``NOT_SETTLED``.
 
     Raises
     ------

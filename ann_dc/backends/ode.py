@@ -298,7 +298,7 @@ class OdeBackend:
         self._check_duration(network, network.waveforms)
         run = _Integration(network, self, self.method, rhs).run()
         if run.status.outcome is Outcome.COMPLETED:
-            return replace(run, verified="its residual is not below tolerance at the end")
+            return replace(run, verified="its residual is not below the tolerance at the end")
         if not run.status.settled or not self.verify:
             return run
         tight = _Integration(network, self, self.method.tighter(), rhs).run()
@@ -415,7 +415,7 @@ class _Integration:
         steps, times = recorder.steps, recorder.residual_times
         if steps % CRAWL == 0 and now - times[-1 - CRAWL] < self.fastest:
             neuron = self.network.label(int(np.abs(self.rhs(self.stepper.state)).argmax()))
-            why = f"its steps have become very short where neuron {neuron} moves fast"
+            why = f"steps became very short where neuron {neuron} changes fast"
             return why, advice if self.method.implicit else status.LONGER_STEPS
         if steps % window or steps < 3 * window:
             return None
@@ -441,4 +441,4 @@ class _Integration:
             if end > now * (1 + 1e-9):
                 self.stepper.go_on(end)
                 return None
-        return f"{limit or LIMIT:g} fastest time constants (limit)"
+        return f"{limit or LIMIT:g} tau_min (limit)"

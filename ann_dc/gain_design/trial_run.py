@@ -391,7 +391,7 @@ def run_with_constants(
         step = pace.step / stiffer
         done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=tolerance)
         elapsed, steps = elapsed + done * step * pace.radius, steps + CHUNK
-        reported(lambda: f"trial run: {elapsed:.0f} tau_min")  # noqa: B023
+        reported(lambda: f"trial run: after {elapsed:.0f} tau_min")  # noqa: B023
     return elapsed, outcome
 
 
@@ -416,7 +416,7 @@ def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
     )
 
 
-@phase("rehearsals")
+@phase("trial runs")
 def with_trial_runs(
     settled: SettledPoint,
     candidates: Iterable[Candidate],

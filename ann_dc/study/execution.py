@@ -69,7 +69,7 @@ def _verdict(job: _Job, attempt: Attempt, limit: float | None) -> tuple[list[Fin
         size = -(-len(points) // PARTS)
         return [], [_Job(Task(points[at : at + size])) for at in range(0, len(points), size)]
     is_late = attempt.outcome == TIMED_OUT
-    message = f"{limit:g} s were over (limit)" if is_late else attempt.message
+    message = f"the time limit of {limit:g} s expired" if is_late else attempt.message
     row = without_result(first, attempt.outcome, message).row
     return [Finished(row | attempt.circumstances)], []
 

@@ -140,7 +140,7 @@ def test_network_carries_the_gains():
 def test_design_says_what_it_did():
     found = designed("car")
     text = str(found)
-    assert text.startswith("first run      settled in ")
+    assert text.startswith("scheduled run  settled in ")
     for word in ("selected", f"rho* = {found.rho_star:.3g}", "radius", "abscissa", "predicted"):
         assert word in text
 
@@ -166,8 +166,8 @@ def test_a_fixed_recipe_is_kept():
 def test_progress_is_told():
     meaning = []
     design(synthesize(plants.double_integrator(N=3)), progress=meaning.append)
-    assert meaning[0].startswith("first run: step ")
-    assert meaning[-1].startswith("freeze: rehearsal ")
+    assert meaning[0].startswith("gain-scheduled run: step ")
+    assert meaning[-1].startswith("trial run: candidate ")
 
 
 @settings(max_examples=6, deadline=None)

@@ -166,7 +166,7 @@ def test_what_a_long_row_chooses_settles_nearly_as_fast(name, monkeypatch):
     assert found.best.settling < 1.15 * thorough.best.settling
 
 
-@pytest.mark.parametrize("reported", ["spectrum: product", "freeze: rehearsed"])
+@pytest.mark.parametrize("reported", ["spectrum: product", "trial run: after"])
 def test_a_comparison_can_be_ended_in_the_middle(reported, monkeypatch):
     """Of a spectrum or of a rehearsal, which take seconds on a long row."""
     monkeypatch.setattr(Paced.__init__, "__defaults__", (0.0,))

@@ -305,8 +305,8 @@ def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts
     if outcome is Outcome.STALLED:
         swings = status.swinging(network, states[-len(states) // LATE :])
         advice = status.DAMPING if swings else status.elsewhere(network)
-        advice = advice if adapts else f"take {SHORTER}; else {advice}"
-        why = swings or f"{steps} steps made it no smaller in the end"
+        advice = advice if adapts else f"use {SHORTER}; else {advice}"
+        why = swings or f"the last of {steps} steps did not reduce it"
         return status.stalled(residuals, now, why, advice)
     if outcome is Outcome.STOPPED:
         return status.stopped(residuals, now, why)
