@@ -96,9 +96,10 @@ def solve(
     Returns
     -------
     Solution
-        Returned for every outcome; check ``solution.status``. An unreachable target or contradictory
-        inequalities end as ``INFEASIBLE``, a cost without a minimum as ``UNBOUNDED``. A
-        contradiction that the feasibility check does not find ends as ``STALLED`` or ``NOT_SETTLED``.
+        Returned for every outcome; check ``solution.status``. An unreachable target or
+        contradictory inequalities end as ``INFEASIBLE``, a cost without a minimum as
+        ``UNBOUNDED``. A contradiction that the feasibility check does not find ends as
+        ``STALLED`` or ``NOT_SETTLED``.
 
     Raises
     ------

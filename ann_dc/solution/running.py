@@ -126,7 +126,7 @@ def _stayed(found: Solution, backend: Backend) -> Solution:
     if certificate is None:
         return found
     reported = status.settled(float(run.trajectory.kkt[-1]), found.status.time)
-    why = "the residual stayed below tolerance; rounding kept it from falling further"
+    why = "the residual stayed below the tolerance; rounding limits its further decrease"
     settled = replace(run, status=reported, settling_time=time, verified=why)
     return replace(found, run=settled, certificate=certificate)
 

@@ -133,7 +133,7 @@ class CellLayer(nn.Module):
             and state.shape == own.shape
             and torch.equal(state[0].cpu(), own[0])
         )
-        what = "units, rails or stiffness" if is_wired_alike else "wiring"
+        what = "units, limits or stiffness" if is_wired_alike else "wiring"
         raise NetworkError(
             f"state_dict: its numbers belong to a network of other {what} than "
             f"{self.network.title!r}; load them into a layer of the network that they are from"
@@ -232,7 +232,7 @@ class CellLayer(nn.Module):
             )
         if samples > 1 and len(x) not in (1, samples):
             raise NetworkError(
-                f"x: sizes of the batch do not agree: {len(x)} states, inputs of {samples} samples"
+                f"x: sizes of the batch differ: {len(x)} states, inputs of {samples} samples"
             )
         return x.expand(max(len(x), samples), -1)
 

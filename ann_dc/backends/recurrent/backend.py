@@ -211,8 +211,8 @@ class RecurrentBackend:
             )  # fmt: skip
         if numbers is not None:
             raise NetworkError(
-                "numbers: only generated code takes those of every sample; leave out acceleration "
-                "and device, and use smaller cells"
+                "numbers: only generated code supports numbers per sample; omit acceleration "
+                "and device, or use smaller cells"
             )
         from ann_dc.backends.layers import batch_run  # needs torch
 

@@ -37,7 +37,7 @@ PreconditionersOption = Annotated[
         "--preconditioner",
         metavar="NAME,...",
         help=f"Preconditioners to compare: {', '.join(KINDS)}.",
-        show_default="all that can be built",
+        show_default="all kinds that can be built",
     ),
 ]
 PreconditionerOption = Annotated[
@@ -164,7 +164,7 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
     found = named("--level", word, known)
     if options.area is not None:
         if found.level is not TRANSISTOR:
-            raise ProblemError("--area: only those of --level transistor are drawn larger")
+            raise ProblemError("--area: applies to --level transistor only")
         found = LevelWord(transistor(area=options.area), found.help)
     if op_amps and found.is_fixed:
         adjustable = [name for name, each in known.items() if not each.is_fixed]

@@ -103,8 +103,8 @@ class _Commands(TyperGroup):
 
 app = typer.Typer(
     cls=_Commands,
-    help="Optimal control on an analog neural network: declare a problem, let the network settle, "
-    "get a certified optimum.",
+    help="Optimal control with analog neural networks: problem declaration, simulation, "
+    "certified optimum.",
     epilog="Start with:  ann-dc plants,  ann-dc solve car,  ann-dc show car",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -146,5 +146,5 @@ def _options(
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and not isinstance(error, AnnDcError) and error.strerror:
-        return f"{error.filename or 'output'}: {error.strerror}; choose another place"
+        return f"{error.filename or 'output'}: {error.strerror}; choose another path"
     return " ".join(str(error).split())

@@ -142,7 +142,7 @@ def _design_family(
         if other or start != StartOptions(seed=start.seed):
             raise DesignError(
                 "--range: cannot be combined with --refine, --diagnose, --initial-guess or "
-                "--starts; leave them out"
+                "--starts; omit them"
             )
         declared, over = problem.declared(), ranges_of(family.ranges or [], "--range")
         make_room(json_file, figures=output)
