@@ -221,7 +221,7 @@ def readme(
         for file in ARRAYS
         if name == "weights" and file in files
     ]
-    compared = "what the files do with it"
+    compared = "the results of the files"
     if form.executes or form.run is not_run:
         compared = f"the SHA-256 of the files with '{INDEX}'"
     settles = f"settles after {vector.steps} steps" if vector.settles else "does not settle"

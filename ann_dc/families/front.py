@@ -167,7 +167,7 @@ def pareto(
     ideal, nadir = payoff.min(axis=0), payoff.max(axis=0)
     if not (nadir > ideal).all():
         raise ProblemError(
-            f"objectives: {problem.name} has a point that is best for all objectives; there is no "
+            f"objectives: {problem.name} has a point that minimises all objectives; there is no "
             "front"
         )
     related = normalised(problem, ideal, nadir)
@@ -193,10 +193,10 @@ def pareto(
 
 def _check(problem: OptimalControlProblem) -> None:
     if not problem.objectives:
-        raise ProblemError(f"objectives: {problem.name} has none; a front is of two at least")
+        raise ProblemError(f"objectives: {problem.name} has none; a front needs two or more")
     if problem.cost != 0 or problem.terminal_cost != 0:
         raise ProblemError(
-            "cost: a front is of objectives alone; make what is common an objective, or part of one"
+            "cost: a front has objectives only; make the cost an objective, or part of one"
         )
 
 
@@ -206,7 +206,7 @@ def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
     count = len(names)
     if isinstance(points, (int, np.integer)) and not isinstance(points, bool):
         if points < 1:
-            raise ProblemError(f"points: expected a number of points from one on, got {points}")
+            raise ProblemError(f"points: expected a number of points of at least 1, got {points}")
         return _division(int(points), count)
     try:
         weights = np.array(points, float)
@@ -220,7 +220,7 @@ def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
     for row in weights:
         weights_of(row.tolist(), problem.objectives)
     if not (weights > 0).all():
-        raise ProblemError("points: weights of a front are positive; leave that objective out")
+        raise ProblemError("points: weights of a front are positive; omit that objective")
     return weights
 
 

@@ -392,7 +392,7 @@ def study_circuit(
     noise = control_noise(nominal) if quiet else float("nan")
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
-    backend.progress("demand of the preconditioner")
+    backend.progress("wire requirements of the preconditioner")
     demand, undemanded = _demand(circuit.schematic.network, probe.final)
     return CircuitStudy(
         circuit=circuit,
@@ -425,10 +425,7 @@ def _check_settled(probe: Trajectory, **requested: int) -> None:
     """Raise `NetworkError` for an analysis of the settled point if the network has none."""
     for name, count in requested.items():
         if count and not settles(probe):
-            raise NetworkError(
-                f"{name}: expected a network that settles for {ANALYSES[name]}, got one that does "
-                "not; leave it out"
-            )
+            raise NetworkError(f"{name}: {ANALYSES[name]} needs a network that settles; omit it")
 
 
 def _series_rounding(circuit: Circuit, off: Deviations) -> dict[str, float]:
@@ -447,7 +444,10 @@ def _demand(network: Network, x: np.ndarray) -> tuple[PreconditionerDemand | Non
     if network.preconditioner.kind is PreconditionerKind.DIAGONAL:
         return None, ""
     if network.size > DENSE_LIMIT:
-        return None, f"with {network.size} neurons, above {DENSE_LIMIT}, all modes take too long"
+        return None, (
+            f"with {network.size} neurons, above {DENSE_LIMIT}, the computation of all modes "
+            "takes too long"
+        )
     try:
         return preconditioner_demand(network, x), ""
     except NetworkError as error:
@@ -461,7 +461,7 @@ def _run(backend: SpiceBackend, built: CircuitInstance, deck: Deck) -> CircuitRu
     run = backend.measure(built.circuit, deck, built.probe)
     if not settling:
         return run
-    backend.progress("ngspice, finer steps up to where it settles")
+    backend.progress("ngspice with finer steps until the settling time")
     return run.timed
 
 

@@ -114,7 +114,8 @@ def design_planner(
     """
     if not np.isfinite(soft.weight):
         raise DesignError(
-            f"soft: a robot between two obstacles needs a finite weight, got {soft.weight!r}"
+            "soft: expected a finite weight (for a robot between two obstacles), got "
+            f"{soft.weight!r}"
         )
     reach = float(robot.limits[0, 1]) * horizon * dt
     planning = planning_problem(
@@ -148,7 +149,7 @@ def planner_for(
         if scout.contacts:
             touched, planner = True, _best(planner, scout.contacts, progress)
     if not touched:
-        raise DesignError("robot: it touched nothing in the worlds of its design")
+        raise DesignError("robot: no contact with an obstacle in the scenarios of the design")
     return planner
 
 
@@ -222,7 +223,9 @@ def _best(
         radius = max(spectrum_with(point, gains).radius for point in points[::JUDGED])
         tried = replace(planner, network=apply_gains(planner.network, gains), radius=radius)
         found.append((_mean_time(tried, inputs, begun), tried))
-        progress(f"{len(periods)} contacts, penalty x {penalty:g}: mean time {found[-1][0]:.0f}")
+        progress(
+            f"{len(periods)} contacts, penalty factor {penalty:g}: mean time {found[-1][0]:.0f}"
+        )
     return min(found, key=lambda entry: entry[0])[1]
 
 

@@ -73,7 +73,7 @@ class Overload:
         when = f"{self.volts:.4g} V at {self.time:.3g} s"
         reached = f"{self.node} of cell {self.stage} reached {when}"
         if self.clips:
-            return f"{reached}; it is good for {self.limit:.4g} V"
+            return f"{reached}, beyond its limit of {self.limit:.4g} V"
         return f"{reached}, above {self.limit:.4g} V; the model does not clip"
 
 

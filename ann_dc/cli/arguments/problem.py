@@ -215,7 +215,7 @@ def _from_file(path: str, settings: Mapping[str, str]):
     for name, text in settings.items():
         if name not in like:
             raise UnknownNameError(
-                f"--set: {name!r} cannot be set from here for a file; choose one of: "
+                f"--set: {name!r} of a file cannot be set on the command line; choose one of: "
                 f"q_0, q_d, horizon, dt, or edit {path}"
             )
         values[name] = value_of(name, text, like[name])

@@ -169,8 +169,8 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
     if op_amps and found.is_fixed:
         adjustable = [name for name, each in known.items() if not each.is_fixed]
         raise ProblemError(
-            f"--{', --'.join(op_amps)}: the parts of level {word} are given; choose them with "
-            f"{', '.join(adjustable)}"
+            f"--{', --'.join(op_amps)}: the parts of level {word} are fixed; these options "
+            f"apply to {', '.join(adjustable)}"
         )
     if netlist and isinstance(found.level, Level) and found.level.models == PACKAGE:
         installed()

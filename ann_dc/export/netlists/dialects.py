@@ -92,8 +92,8 @@ def xyce_files(
     made = _build(network, vector, level, series)
     if made.level.technology.clocked:
         raise ExportError(
-            f"level {level}: its switches need a hard threshold, and those of Xyce change over a "
-            "range; take another level, or the pack for ngspice"
+            f"level {level}: its switches need a hard threshold, and those of Xyce change over "
+            "a range; use another level, or the pack for ngspice"
         )
     return _files(made, vector, _deck(made, _xyce, _xyce_end), "Xyce", XYCE)
 
@@ -103,7 +103,7 @@ def _build(network: Network, vector: ReferenceVector, level: str, series: str) -
     if level.lower() == PACKAGE:
         raise ExportError(
             f"level {level}: its models are written for ngspice, with AGAUSS and lengths in "
-            "micrometres; take another level, or the pack for ngspice"
+            "micrometres; use another level, or the pack for ngspice"
         )
     return build(network, level, series, vector.duration)
 

@@ -70,8 +70,8 @@ def kicad_files(
     named = isinstance(made.level.technology, (OpAmps, DifferentialPairs))
     if made.level.models != "macro" or not named:
         raise ExportError(
-            f"level {level}: has no parts that can be bought; take macro, differential, or parts "
-            "by name such as tl072_ad633"
+            f"level {level}: has no commercial parts; use macro, differential, or parts by name "
+            "such as tl072_ad633"
         )
     elements = flattened(deck_text(made), library_of(made))
     soldered = (*_in_series(parts_of(elements, made.level.name), made.series),)

@@ -215,9 +215,9 @@ def _given_up(header: _Header, content: bytes, start: int) -> SpiceError:
     if not rows or content.startswith(NEXT_PLOT[1:], start):
         return RawFileError(f"plot {header.plot!r} has no points")
     if not header.binary or header.row != 8 * len(header.names) or header.names[0] != "time":
-        return EndedEarlyError(f"plot {header.plot!r} was given up")
+        return EndedEarlyError(f"plot {header.plot!r} was aborted")
     last = np.frombuffer(content, float, 1, start + (rows - 1) * header.row)[0]
-    return EndedEarlyError(f"plot {header.plot!r} was given up at time {last:g}")
+    return EndedEarlyError(f"plot {header.plot!r} was aborted at time {last:g}")
 
 
 def _numbers(header: _Header, content: bytes, start: int) -> tuple[np.ndarray, int]:
