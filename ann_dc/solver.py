@@ -157,8 +157,8 @@ def solve(
         if ode is not None:
             if designed is None:
                 raise FormError(
-                    "S16: the gain (33) needs the solution, which only a design knows; leave "
-                    "gains= out"
+                    "S16: the gain (33) needs the solution, which only a design provides; omit "
+                    "gains="
                 )
             backend = OracleBackend(ode=ode, gain=OracleGain(settled=designed.state, low=1e-3))
         return solution_of(
@@ -297,8 +297,7 @@ def design(
     if ranges is not None:
         if not (isinstance(source, OptimalControlProblem) and gain_rule is None and refine is None):
             raise DesignError(
-                "ranges: a family needs the problem itself, whose optima it certifies, and neither "
-                "gain_rule= nor refine="
+                "ranges: a design over a range needs a problem, and neither gain_rule= nor refine="
             )
         source = held(source, any_start=True)
         return design_family(source, ranges, preconditioner=preconditioner, progress=progress)

@@ -258,8 +258,8 @@ class CircuitReport:
         return {
             "objective": f"{certificate.objective:.8g} {self.problem.cost_unit}".rstrip()
             + f", KKT residual {certificate.kkt_residual:.1e}"
-            + f" (constraint violation {certificate.constraint_residual:.1e}: it may be below the "
-            "optimum's)" * bool(certificate.constraint_residual > KEPT),
+            + f" (constraint violation {certificate.constraint_residual:.1e}: the objective may "
+            "be below the optimum)" * bool(certificate.constraint_residual > KEPT),
         }
 
     def _difference(self) -> dict[str, object]:
@@ -319,9 +319,9 @@ class CircuitReport:
         within = (noisy(near, self.found.noise) < NEAR).sum()
         return (
             f"error of {self.found.terms} {median:.2e} median, {most:.2e} for 95 % of "
-            f"{len(samples)} (predicted); {within} of {len(samples)} within {NEAR:.0%}, "
-            "noise counted"
-            + f"; {len(samples) - len(near)} settle elsewhere"
+            f"{len(samples)} (predicted); {within} of {len(samples)} within {NEAR:.0%}, noise "
+            "included"
+            + f"; {len(samples) - len(near)} settle at another equilibrium"
             * (len(near) < len(samples))
         )
 

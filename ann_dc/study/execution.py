@@ -213,8 +213,8 @@ class _Foreign:
 
 def _broken(error: Exception) -> StudyError:
     return StudyError(
-        f"the executor takes no more tasks ({type(error).__name__}: {error}); what is finished is "
-        "kept: run the study again with another one, or without"
+        f"the executor accepts no more tasks ({type(error).__name__}: {error}); finished cases "
+        "are stored: run the study again with another executor, or without"
     )
 
 

@@ -84,16 +84,16 @@ WORDS: dict[str, tuple[str, str, str]] = {
     "scale_factor": ("user's value of a state of 1, of every neuron", "the user's", "neuron"),
     "scale_offset": ("user's value of a state of 0, of every neuron", "the user's", "neuron"),
     "input_scale": ("factor and offset of every input", "the user's", "input part"),
-    "range": ("from which to which value it was designed for", "the user's", "input end"),
+    "range": ("range of design: lowest and highest value", "the user's", "input end"),
     "gain": (
         "gains of the coarse-level neurons of level {}, 0 is the finest",
         "1 / network time",
         "point chain chain",
     ),
-    "own": ("stiffness within every cell", "none, rates come beside it", "stage primal primal"),
+    "own": ("stiffness within every cell", "none, multiplied by the rates", "stage primal primal"),
     "following": (
         "stiffness between a cell and the next one",
-        "none, rates come beside it",
+        "none, multiplied by the rates",
         "stage primal primal",
     ),
 }
