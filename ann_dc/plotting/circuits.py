@@ -63,9 +63,7 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
 
 def _share(probe: Trajectory) -> str:
     """Return the size of the controls as a wrapped label."""
-    size = probe.size_in_words
-    reported = "the largest control" if size == "the largest control" else size
-    return fill(f"(relative to {reported})", 36)
+    return fill(f"(relative to {probe.size_in_words})", 36)
 
 
 def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:

@@ -84,8 +84,8 @@ def _bound(name: str, value: Any, none: float) -> float:
         return none
     if not is_finite(value):
         raise ProblemError(
-            f"bounds[{name}]: expected a finite number or None, got {value!r}; use constraints= for "
-            "bounds that vary"
+            f"bounds[{name}]: expected a finite number or None, got {value!r}; use "
+            "constraints= for bounds that vary"
         )
     return float(value)
 

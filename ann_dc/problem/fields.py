@@ -285,7 +285,7 @@ def _measure(name: str, given) -> str:
     """Return one unit of measure without surrounding blanks."""
     if not isinstance(given, str):
         raise ProblemError(
-            f'units[{name}]: expected text such as "m/s", got {given!r}; a unit is a word and '
+            f'units[{name}]: expected text such as "m/s", got {given!r}; a unit is text and '
             'changes no number ("1" where there is none)'
         )
     unit = given.strip()

@@ -250,8 +250,8 @@ class HandedOn:
         for symbol in self.symbols:
             if symbol.name.lower() in [s.name.lower() for s in given]:
                 raise ProblemError(
-                    f"dt.symbol: {symbol} is one of the problem's own symbols; call the step "
-                    'length something else, for instance StepLength(..., symbol="step")'
+                    f"dt.symbol: {symbol} is one of the problem's own symbols; rename the step "
+                    'length, for instance StepLength(..., symbol="step")'
                 )
 
     def stage_map(
