@@ -89,7 +89,7 @@ def test_a_start_contradicts_itself(given, message):
 
 
 def test_no_start_at_all():
-    with pytest.raises(ProblemError, match="the list is empty"):
+    with pytest.raises(ProblemError, match="got an empty list"):
         checked_starts(PROBLEM, [])
 
 

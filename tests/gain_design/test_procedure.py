@@ -191,7 +191,7 @@ def test_a_run_that_does_not_settle_has_no_grid():
     )
     assert not found.settled
     assert found.best.kind is PreconditionerKind.MULTILEVEL
-    assert found.reason.startswith("no optimum to read a grid off")
+    assert found.reason.startswith("no settled point for a grid")
 
 
 def test_one_kind_is_a_list_of_one():

@@ -80,7 +80,7 @@ def test_never_worse_where_nothing_settles(monkeypatch):
     monkeypatch.setattr("ann_dc.gain_design.refinement.with_trial_run", lost)
     found, lines = plain(), []
     assert better(found, progress=lines.append) is found.best
-    assert lines[-1] == "refine: nothing better settles from the start"
+    assert lines[-1] == "refine: no better candidate settles from the initial guess"
 
 
 def test_a_large_network_is_left_as_it_is(monkeypatch):

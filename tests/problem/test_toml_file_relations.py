@@ -64,8 +64,8 @@ def test_what_sympy_writes_is_read_again(left, sign, right):
 REFUSED = [
     ("x", "'x' is no inequality", "x**2 + y <= 1"),
     ("", "'' is no inequality", "<=, <, >= or >"),
-    ("x = 1", "'x = 1' is no inequality", "equality belongs into the map"),
-    ("x == 1", "'x == 1' is no inequality", "equality belongs into the map"),
+    ("x = 1", "'x = 1' is no inequality", "equality by the map"),
+    ("x == 1", "'x == 1' is no inequality", "equality by the map"),
     ("x => 1", "'x => 1' is no inequality", "<="),
     ("x <= 1 == y", "'x <= 1 == y' is no inequality", "<="),
     ("0 <= x <= y <= 1", "'0 <= x <= y <= 1' is no inequality", "-1 <= x <= 1"),

@@ -17,7 +17,7 @@ from ann_dc.report.boards import InterfaceTable
         (1e-3, 9e-3, 1e-5, True, "noise of 9.0e-03 rms beside it"),
         (1e-3, 1e-2, 1e-5, False, "noise of 1.0e-02 rms beside it"),
         (9e-3, 1e-4, 1e-5, False, "1.10e-02 at most"),
-        (1e-3, 1e-4, math.nan, False, "the circuit does not get to its settled point"),
+        (1e-3, 1e-4, math.nan, False, "the circuit does not reach its equilibrium"),
         (math.nan, math.nan, math.nan, False, "the circuit oscillates"),
     ],
 )

@@ -39,7 +39,7 @@ def words(backend, with_limits=False, samples=0):
 @pytest.mark.parametrize("with_limits", [False, True])
 def test_a_bill_has_the_parts_of_rails(with_limits):
     _, said = words(SpiceBackend(level=macro()), with_limits)
-    assert ("those of rails: --bom" in said) == with_limits
+    assert ("clamps: --bom" in said) == with_limits
 
 
 def test_how_far_a_series_is_off_is_told_of_resistors_and_capacitors():
@@ -55,7 +55,7 @@ def test_how_far_a_series_is_off_is_told_of_resistors_and_capacitors():
     )
     assert f"E12: off by up to {largest['r']:.2%}" in said
     assert f"capacitors of E12: {largest['c']:.2%}" in said
-    assert "take pairs, or exact ones" in found.shortcoming
+    assert "use pairs, or exact values" in found.shortcoming
 
 
 def test_noise_counts_with_every_drawn_circuit():

@@ -112,7 +112,7 @@ def test_no_sum_leads_out_of_the_folder(folder, line):
     digest = hashlib.sha256((folder / "network.npz").read_bytes()).hexdigest()
     with (folder / "SHA256SUMS").open("a") as sums:
         sums.write(line.format(digest=digest) + "\n")
-    refused(folder, "SHA256SUMS: .* is no line of it")
+    refused(folder, "SHA256SUMS: .* is not a valid line")
 
 
 @pytest.mark.parametrize("name", ["../network", "/etc/passwd", "", "nothing", "arrays", "a\x00b"])
@@ -160,7 +160,10 @@ CHANGES = {
         lambda t: t["records"]["problem"].update(cost=["__import__('os').system('true')"]),
         "cost: .*is not allowed",
     ),
-    "another horizon": (lambda t: t["records"]["problem"].update(horizon=4), "none of the problem"),
+    "another horizon": (
+        lambda t: t["records"]["problem"].update(horizon=4),
+        "not belong to the problem",
+    ),
     "deep": (lambda t: t["records"].update(run=json.loads("[" * 900 + "]" * 900)), "a table"),
 }
 
@@ -228,7 +231,7 @@ def test_arrays_that_claim_more_than_the_file_has_are_refused(folder):
 @pytest.mark.parametrize("place", ["nothing", "file", "\x00"])
 def test_what_is_no_folder_is_refused(tmp_path, place):
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(FileFormatError, match=r"give the path of a folder"):
+    with pytest.raises(FileFormatError, match=r"use the path of a folder"):
         ann_dc.load_solution(tmp_path / place)
 
 
@@ -247,7 +250,7 @@ def test_what_cannot_be_saved_leaves_nothing(tmp_path, solution):
     for thing in (object(), {"x": np.array([1, 2])}, {"x": 1j}):
         with pytest.raises(OutputError, match=r"thing.* cannot be saved"):
             save_result(tmp_path / "new", {}, {"thing": thing})
-    with pytest.raises(OutputError, match="in a folder that exists"):
+    with pytest.raises(OutputError, match="in an existing, writable folder"):
         solution.save(tmp_path / "no" / "folder")
     assert list(tmp_path.iterdir()) == []
 

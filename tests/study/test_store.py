@@ -156,7 +156,7 @@ def test_curves_are_kept_beside_their_row(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"point": 0}, "a point has one row; discard the old one first"),
+        ({"point": 0}, "a case has one record; discard the old one first"),
         ({"point": 2, "no such": 1.0}, r"row of point 2: unknown columns 'no such'; there are: po"),
         ({"point": 2, "peak": [1.0]}, r"peak: expected a number of at most 64 bits.*got \[1.0\]"),
         ({"point": 2, "peak": 2**63}, "peak: expected a number of at most 64 bits"),

@@ -160,7 +160,7 @@ def test_what_cannot_be_built_is_refused_by_name(car, small):
         pack_files(*small, level="wood")
     with pytest.raises(UnknownNameError, match="series 'E7'"):
         pack_files(*small, series="E7")
-    with pytest.raises(ExportError, match="compute without resistors"):
+    with pytest.raises(ExportError, match="have no resistors"):
         pack_files(*small, level="ota-c", series="E24")
     with pytest.raises(ExportError, match="another network's than"):
         pack_files(small[0], car[1])

@@ -129,7 +129,7 @@ def test_median_lines_of_two_words_pass_where_points_are():
 def test_median_line_of_samples_in_two_clusters_has_gaps():
     figure, lines = over_rho(clusters(within=True))
     assert [line["y"] for line in lines] == [[None] * 3] * 2
-    assert "No median where points form two clusters" in figure.says
+    assert "No median if points form two clusters" in figure.says
     assert sum(trace.get("fill") == "tonexty" for trace in figure.traces) == 2
 
 
