@@ -113,7 +113,7 @@ def test_reason_begins_with_the_kind_that_was_chosen():
 @pytest.mark.parametrize("kinds", [[], [3], [PreconditionerKind.RESISTIVE_GRID, None]])
 def test_kinds_that_are_none(kinds):
     with pytest.raises(
-        DesignError, match=r"preconditioner: expected some of PreconditionerKind\.DIAGONAL"
+        DesignError, match=r"preconditioner: expected one or more of PreconditionerKind\.DIAGONAL"
     ):
         design(synthesize(plants.double_integrator(N=3)), preconditioner=kinds)
 

@@ -87,7 +87,7 @@ def test_a_large_network_is_left_as_it_is(monkeypatch):
     monkeypatch.setattr("ann_dc.gain_design.refinement.DENSE_LIMIT", 10)
     found, lines = plain(), []
     assert better(found, progress=lines.append) is found.best
-    assert f"{found.network.size} neurons are more than the 10" in lines[0]
+    assert f"{found.network.size} neurons exceed the limit 10" in lines[0]
 
 
 @pytest.mark.slow

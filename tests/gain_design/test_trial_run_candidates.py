@@ -81,7 +81,7 @@ def test_grids_are_compared_with_gentler_inequality_rows_too():
     found = compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0)
     assert {candidate.gain_rule.inequality for candidate in found} == {1.0, freeze.GENTLE}
     gentle = next(candidate for candidate in found if candidate.gain_rule.inequality != 1)
-    assert "inequalities x 0.1" in str(gentle)
+    assert "inequality factor 0.1" in str(gentle)
     plain = candidate_of(point, replace(gentle.gain_rule, inequality=1.0), 1.0)
     index = point.network.neuron_index
     duals = [index[dual.neuron] for dual in point.network.cell.duals]

@@ -33,7 +33,7 @@ BAD_CELLS = {
     "names that differ by case only": (
         cell_of(neurons=(X, Neuron(name="X"))),
         NetworkError,
-        r"used twice \(case does not count\): x",
+        r"duplicate names \(case is ignored\): x",
     ),
     "an input called one": (cell_of(inputs=("one",)), NetworkError, "used twice.*one"),
     "a block named as a neuron": (cell_of(blocks=(Sum(name="x"),)), NetworkError, "twice"),

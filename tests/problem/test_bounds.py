@@ -104,9 +104,9 @@ def test_bounds_hold_where_their_rows_do(pair, point):
 REFUSED = [
     (None, "bounds: expected a mapping", "got None"),
     ([(0, 1)], "bounds: expected a mapping", '{"x": (0, None)}'),
-    ({w: (0, 1)}, "bounds: 'w' is given twice or is none of x, v, a, b", "states"),
-    ({"z": (0, 1)}, "bounds: 'z' is given twice or is none of", "only states and controls"),
-    ({3: (0, 1)}, "bounds: 3 is given twice or is none of", "only states and controls"),
+    ({w: (0, 1)}, "bounds: 'w' is specified twice or is none of x, v, a, b", "states"),
+    ({"z": (0, 1)}, "bounds: 'z' is specified twice or is none of", "only states and controls"),
+    ({3: (0, 1)}, "bounds: 3 is specified twice or is none of", "only states and controls"),
     ({x: (-1, 1), "x": (0, 1)}, "bounds: 'x' is given twice", "x, v, a, b"),
     ({x: 1}, "bounds[x]: expected (low, high)", "got 1"),
     ({x: (0,)}, "bounds[x]: expected (low, high)", "None for no bound"),
@@ -142,5 +142,7 @@ def test_a_step_length_that_is_chosen_has_bounds_of_its_own():
     given = problem(dt=StepLength(low=0.1, high=0.5), bounds={x: (0, 1)})
     assert [row.name for row in given.inequalities] == ["x_low", "x_high"]
     for name in ("h", "h_free"):
-        with pytest.raises(ProblemError, match=f"^bounds: '{name}' is given twice or is none of"):
+        with pytest.raises(
+            ProblemError, match=f"^bounds: '{name}' is specified twice or is none of"
+        ):
             problem(dt=StepLength(low=0.1, high=0.5), bounds={name: (0, 1)})

@@ -107,7 +107,7 @@ def test_a_problem_says_what_it_declares():
 positive = sp.Symbol("p", positive=True)
 REFUSED = [
     ({"constraints": [sp.Eq(x, 1)]}, "constraints[g1]: Eq(x, 1) is an equality", "map"),
-    ({"constraints": [sp.Ne(x, 1)]}, "constraints[g1]: Ne(x, 1) is no inequality", "<= or >="),
+    ({"constraints": [sp.Ne(x, 1)]}, "constraints[g1]: Ne(x, 1) is not an inequality", "<= or >="),
     ({"constraints": [(x < 1) & (v < 1)]}, "constraints[g1]: (v < 1) & (x < 1) is a", "by itself"),
     ({"constraints": [(x < 1) | (v < 1)]}, "constraints[g1]: (v < 1) | (x < 1) is a", "by itself"),
     ({"constraints": [sp.Integer(1) <= 2]}, "constraints[g1]: the relation is True", "leave it"),

@@ -104,10 +104,10 @@ def test_an_end_may_break_a_soft_row_only():
         (True, "weight: expected a positive"),
         ("30", "weight: expected a positive"),
         (None, "weight: expected a positive"),
-        ({"wal": 3}, "no row 'wal'; give one of wall, end1, v_low, v_high"),
-        ({"a": 3}, "a is a control, and its limits are rails"),
-        ({"a_high": 3}, "a is a control, and its limits are rails"),
-        ({"wall": {"prize": 3}}, "unknown key 'prize'; a soft row has weight, compliance"),
+        ({"wal": 3}, "no row 'wal'; choose one of wall, end1, v_low, v_high"),
+        ({"a": 3}, "a is a control, whose bounds are hard"),
+        ({"a_high": 3}, "a is a control, whose bounds are hard"),
+        ({"wall": {"prize": 3}}, "unknown key 'prize'; a soft constraint has weight, compliance"),
         ({"wall": -3}, r"soft\[wall\].weight"),
         ({"wall": {}}, "expected a finite weight or a compliance"),
     ],
@@ -166,7 +166,7 @@ def test_files_say_the_same(tmp_path):
     assert loaded(tmp_path, after="[soft]\nwall_low = {compliance = 1}") == {
         "wall_low": Soft(compliance=1)
     }
-    with pytest.raises(ProblemError, match=r"problem.toml: soft: there is no row 'wall'"):
+    with pytest.raises(ProblemError, match=r"problem.toml: soft: unknown constraint 'wall'"):
         loaded(tmp_path, after="[soft]\nwall = 3")
     with pytest.raises(ProblemError, match=r"problem.toml: soft\[a\]: a is a control"):
         loaded(tmp_path, after="[soft]\na = 3")

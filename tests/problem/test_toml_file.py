@@ -284,7 +284,7 @@ def test_unreadable_file_is_refused_at_once(write, text, fault, remedy):
 
 @pytest.mark.parametrize("path", ["missing.toml", "", "\0", "/dev/zero"])
 def test_missing_file_is_refused(path):
-    with pytest.raises(FileFormatError, match=r"give the path of a \.toml problem file"):
+    with pytest.raises(FileFormatError, match=r"use the path of a \.toml problem file"):
         load_problem(path)
 
 

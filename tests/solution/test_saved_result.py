@@ -128,8 +128,8 @@ def test_a_file_that_no_network_needs_is_refused(folder):
 
 
 CHANGES = {
-    "no table": (lambda t: t.clear(), "does not say 'ann_dc solution'"),
-    "a network's": (lambda t: t.update(format="ann_dc network"), "is this a saved solution"),
+    "no table": (lambda t: t.clear(), "does not contain 'ann_dc solution'"),
+    "a network's": (lambda t: t.update(format="ann_dc network"), "save the solution again"),
     "unknown key": (lambda t: t.update(code="import os"), "unknown key code"),
     "unknown record": (lambda t: t["records"].update(more={}), "unknown more"),
     "no records": (lambda t: t.update(records=[]), "records: expected dict"),

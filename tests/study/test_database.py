@@ -124,7 +124,7 @@ def test_a_file_stands_where_the_folder_should(tmp_path):
 @pytest.mark.parametrize("name", ["empty", "none"])
 def test_no_study(tmp_path, name):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(StoreError, match=r"there is no study in it \(study.sqlite is missing\)"):
+    with pytest.raises(StoreError, match=r"expected a study \(study\.sqlite is missing\)"):
         Store.open(tmp_path / name)
 
 
@@ -162,8 +162,11 @@ def test_a_database_of_somebody_else(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("UPDATE meta SET value = '99' WHERE name = 'layout'", "the store has layout 99, this ver"),
-        ("DELETE FROM meta WHERE name = 'layout'", "the store has layout None"),
+        (
+            "UPDATE meta SET value = '99' WHERE name = 'layout'",
+            "the database has layout 99, this ver",
+        ),
+        ("DELETE FROM meta WHERE name = 'layout'", "the database has layout None"),
         ("UPDATE meta SET value = '{' WHERE name = 'identity'", "the database is damaged"),
         ("UPDATE meta SET value = '5' WHERE name = 'columns'", "the database is damaged"),
         ("UPDATE meta SET value = '[[]]' WHERE name = 'columns'", "expected printable names"),

@@ -61,5 +61,5 @@ def test_a_spot_check_has_the_boards_of_the_curves():
 
 
 def test_a_metric_that_does_not_exist_is_refused():
-    with pytest.raises(StudyError, match="there is no 'slowest_mode'"):
+    with pytest.raises(StudyError, match="unknown metric 'slowest_mode'"):
         yield_curves(PLANT, spec={"slowest_mode": 1.0})
