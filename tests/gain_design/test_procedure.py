@@ -153,7 +153,7 @@ def test_design_without_duals():
         ),
         stages=2,
     )
-    with pytest.raises(DesignError, match=r"no PI dual neurons.*by hand"):
+    with pytest.raises(DesignError, match=r"no PI dual neurons.*manually"):
         design(leak)
 
 

@@ -60,7 +60,7 @@ def test_the_demo_is_one():
         ("goal = [5, 5]", "goal = [2, 2.1]", r"goal: .* by 0\.45 with obstacles\[0\]"),
         ("sensor = 2.0", "sensor = -2.0", "sensor"),
         ("sensor = 2.0", "sight = 2.0", "sight: unknown key"),
-        ("[4, 3.5]]", "[5, 3]]", r"polygons\[0\].corners: they lie on one line"),
+        ("[4, 3.5]]", "[5, 3]]", r"polygons\[0\].corners: expected a polygon"),
         ("[[discs]]", "[discs]", r"discs: expected tables, each written \[\[discs\]\]"),
     ],
 )

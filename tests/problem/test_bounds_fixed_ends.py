@@ -39,7 +39,7 @@ REFUSED = [
     ),
     (
         {"constraints": [x <= 3, x >= w]},
-        "constraints[g2]: q_0 (x = 0) violates it for all controls: w - x <= 0 is asked, and it "
+        "constraints[g2]: q_0 (x = 0) violates it for all controls: w - x <= 0 is required, but it "
         "is 2 there; move q_0",
     ),
     (
@@ -49,7 +49,7 @@ REFUSED = [
     ),
     (
         {"constraints": [sp.log(x) <= 1]},
-        "constraints[g1]: q_0 (x = 0) violates it for all controls: log(x) - 1 <= 0 is asked, and "
+        "constraints[g1]: q_0 (x = 0) violates it for all controls: log(x) - 1 <= 0 is required, but "
         "it has no finite value there",
     ),
     ({"constraints": [sp.sqrt(x - 1) <= 1]}, "constraints[g1]: q_0 (x = 0) violates it"),

@@ -73,7 +73,7 @@ REFUSED = [
     ({"controls": ("a",)}, "controls: 'a' is not a sympy.Symbol", "use sp.symbols"),
     ({"controls": (x,)}, "name 'x' is used twice", "names"),
     (named("X"), "name 'X' is used twice", "upper and lower case"),
-    (named("pi"), "name 'pi' is reserved: a formula that is written as text", "rename it"),
+    (named("pi"), "name 'pi' is reserved: formulas in text form use it", "rename it"),
     (named("inf"), "name 'inf' is reserved: tables and files", "rename it"),
     ({"inputs": {sp.Symbol("one"): 1}}, "name 'one' is reserved: the node", "rename it"),
     ({"inputs": {sp.Symbol("q_d"): 1}}, "name 'q_d' is reserved: with_inputs", "rename it"),

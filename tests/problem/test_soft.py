@@ -104,7 +104,7 @@ def test_an_end_may_break_a_soft_row_only():
         (True, "weight: expected a positive"),
         ("30", "weight: expected a positive"),
         (None, "weight: expected a positive"),
-        ({"wal": 3}, "no row 'wal'; choose one of wall, end1, v_low, v_high"),
+        ({"wal": 3}, "unknown constraint 'wal'; choose one of wall, end1, v_low, v_high"),
         ({"a": 3}, "a is a control, whose bounds are hard"),
         ({"a_high": 3}, "a is a control, whose bounds are hard"),
         ({"wall": {"prize": 3}}, "unknown key 'prize'; a soft constraint has weight, compliance"),

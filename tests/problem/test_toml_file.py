@@ -176,7 +176,11 @@ REFUSED = [
     (("dt = 0.1", "dt = {low = 0.1, most = 1}"), "dt: unknown key 'most'", "low, high, guess, sym"),
     (("dt = 0.1", 'dt = {low = "a"}'), "dt.low: expected a positive finite number", "'a'"),
     (("dt = 0.1", "dt = {low = 0.1, symbol = 3}"), "dt.symbol: expected a name", "3"),
-    (("dt = 0.1", 'dt = {low = 0.1, symbol = "v"}'), "dt.symbol: v is one of", "something else"),
+    (
+        ("dt = 0.1", 'dt = {low = 0.1, symbol = "v"}'),
+        "dt.symbol: v is one of",
+        "rename the step length",
+    ),
     (
         ("dt = 0.1", 'dt = {low = 1, symbol = "weight"}'),
         "parameters.weight: the name is",
@@ -237,7 +241,11 @@ REFUSED = [
     (("[inputs]", '[bounds]\nx = ["free", 1]\n[inputs]'), "bounds.x: 'free' is neither", '"none"'),
     (("[inputs]", "[bounds]\nx = 1\n[inputs]"), "bounds.x: expected two", "got 1"),
     (("[inputs]", "[bounds]\nx = [1]\n[inputs]"), "bounds[x]: expected (low, high)", "got [1]"),
-    (("[inputs]", "[bounds]\nx = [nan, 1]\n[inputs]"), "bounds[x]: nan is no finite", "None"),
+    (
+        ("[inputs]", "[bounds]\nx = [nan, 1]\n[inputs]"),
+        "bounds[x]: expected a finite number",
+        "None",
+    ),
     (("[inputs]", "[bounds]\nx = [0.5, 2]\n[inputs]"), "bounds[x]: q_0 sets it to 0", "widen"),
     (("[inputs]", "[bounds]\ndrag = [0, 1]\n[inputs]"), "bounds: 'drag' is given", "x, v, a"),
     (("states =", "bounds = [1]\nstates ="), "bounds: expected a table", "[bounds]"),
@@ -263,11 +271,11 @@ NOT_A_FILE = [
     (b"\xff\xfe\x00", "not UTF-8", "save it as UTF-8"),
     (b"x = 1\x00", "not valid TOML", "demos/pendulum.toml"),
     ("a = " + "9" * 5000, "a value cannot be read", "digits"),
-    ("a = " + "[" * 90_000, "nests too deeply", "needs none"),
-    ("a = " + "{a = " * 90_000, "nests too deeply", "needs none"),
-    ("a." * 400_000 + "a = 1", "too many dots", "needs none"),
-    ('"a\\"" . ' * 90_000 + "a = 1", "too many dots", "needs none"),
-    ("#" * 1_000_001, "larger than 1000000 bytes", "a page of text"),
+    ("a = " + "[" * 90_000, "nests too deeply", "too"),
+    ("a = " + "{a = " * 90_000, "nests too deeply", "too"),
+    ("a." * 400_000 + "a = 1", "too many dots", "too"),
+    ('"a\\"" . ' * 90_000 + "a = 1", "too many dots", "too"),
+    ("#" * 1_000_001, "larger than 1000000 bytes", "use the path of"),
 ]
 
 

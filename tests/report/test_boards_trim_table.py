@@ -34,7 +34,7 @@ def shown(after):
 def test_circuits_that_do_not_settle_are_infinitely_wrong():
     table, words = shown([np.inf] * 9 + [0.01])
     assert not table.good
-    assert "to unsettled, from unsettled" in words
+    assert "to not settled, from not settled" in words
     assert "1 of 10" in words
     assert "9 do not settle" in words
     assert "use better resistors or parts" in words

@@ -95,7 +95,7 @@ def test_the_network_of_a_saved_solution_is_a_weight_file(tmp_path):
 
 def test_a_folder_that_exists_is_refused_and_stays(tmp_path):
     (tmp_path / "kept").mkdir()
-    with pytest.raises(OutputError, match=r"exists already.*name of a new folder"):
+    with pytest.raises(OutputError, match=r"exists already.*use a new folder"):
         SOLVED["gains by hand"]().save(tmp_path / "kept")
     assert list((tmp_path / "kept").iterdir()) == []
 

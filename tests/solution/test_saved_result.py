@@ -85,7 +85,7 @@ def test_a_file_that_is_damaged_missing_or_cut_off_is_refused(folder, name):
         with pytest.raises(FileFormatError):
             ann_dc.load_solution(folder)
     file.write_bytes(content[: len(content) // 2])
-    refused(folder, "not what was saved|no line of it|does not name")
+    refused(folder, "changed after it was saved|is not a valid line|does not name")
     file.unlink()
     refused(folder, f"{name}|SHA256SUMS")
 

@@ -52,7 +52,9 @@ def test_a_process_that_is_killed_before_it_has_begun(store, kills):
         execute(tasks(points("good")), small_work.work, store, workers=1)
         assert len(store) == 1
     else:
-        with pytest.raises(StudyError, match=r"no process can run the tasks: one was ended by sig"):
+        with pytest.raises(
+            StudyError, match=r"no process can run the tasks: a process was ended by sig"
+        ):
             execute(tasks(points("good")), small_work.work, store, workers=1)
     thread.join()
 

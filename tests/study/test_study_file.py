@@ -117,7 +117,7 @@ def test_what_only_python_can_repeat():
         ('subject = "car"\nvary = 3', "vary: expected a table"),
         ('subject = "car"\nmetrics = "power"', "metrics: expected a list"),
         ('subject = "car"\nvary.input.q_d.z = [1]', "did you mean"),
-        ('subject = "car"\nvary.problem.N = []', "no values"),
+        ('subject = "car"\nvary.problem.N = []', "expected one value or more"),
         ('subject = "none.toml"', "none.toml"),
     ],
 )

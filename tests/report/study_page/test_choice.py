@@ -58,7 +58,7 @@ def test_the_figures_that_tell_most_are_there_and_the_others_are_named():
     for title in (
         "settling_time over gains.tau.u",
         "Yield over gains.tau.u",
-        "predicted_settling_time beside settling_time",
+        "predicted_settling_time against settling_time",
         "How settling_time spreads",
         "residuals over time",
     ):

@@ -30,7 +30,7 @@ def test_a_board_that_repels_is_infinitely_slow_and_no_good():
         "circuit.bandwidth_margin"
     ].run(workers=0)
     slow, fast = table.by("circuit.bandwidth_margin").values()
-    assert slow.outcomes == {"equilibrium is unstable": 2}
+    assert slow.outcomes == {"unstable equilibrium": 2}
     assert np.isinf(slow["slowest_mode_seconds"]).all()
     assert (slow.yield_of().passed, fast.yield_of().passed) == (0, 2)
 
