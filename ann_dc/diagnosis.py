@@ -234,8 +234,8 @@ def diagnose(source: Design | Solution) -> Diagnosis:
     if not design.settled:
         raise DesignError(
             f"{design.network.title}: the gain-scheduled run did not settle in "
-            f"{design.first.steps} steps, so there is no equilibrium to diagnose; raise limit= or "
-            "choose a nearer target"
+            f"{design.first.steps} steps, so the equilibrium is unknown; raise limit= or choose "
+            "a nearer target"
         )
     network = design.network
     found = slowness_of(network, design.state)

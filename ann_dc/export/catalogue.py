@@ -114,7 +114,7 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} circuit.net parts.csv",
         run=stated,
         carries="components with values and footprints, and their nets",
-        loses="behaviour (there are no models)",
+        loses="behaviour (KiCad parts have no models)",
     ),
     "verilog_a": Format(
         title="modules from the integrator to the whole network (not tested in a simulator)",

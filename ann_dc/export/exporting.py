@@ -200,7 +200,7 @@ def _worth(name: str, files: Files) -> str:
         return f"not checked: {error}"
     except FileFormatError as error:
         raise ExportError(
-            f"{name}: the files made do not pass their own check, and nothing is written: {error}"
+            f"{name}: the files failed their check and are not written: {error}"
         ) from error
 
 
@@ -247,8 +247,8 @@ def _check_own(folder: Path, name: str) -> None:
     for place in below(folder, name):
         if place.is_symlink():
             raise OutputError(
-                f"{str(place)!r} is a link, and an export writes into its own folder only; "
-                "remove the link, or use another folder"
+                f"{str(place)!r} is a link, which an export does not follow; remove the link, "
+                "or use another folder"
             )
 
 

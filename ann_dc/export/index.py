@@ -77,7 +77,7 @@ def _index_of(table: Table) -> Index:
     for name in files:
         if not _PLAIN.fullmatch(name) or name == INDEX:
             raise FileFormatError(
-                f"manifest.files: {name!r:.60} is no name of a file in the folder"
+                f"manifest.files: {name!r:.60} is not the name of a file in the folder"
             )
     texts = {key: table.get(key, str) for key in ("to", "title", "version", "wiring", "content")}
     return Index(**texts, settings=table.get("settings", dict), files=files)
@@ -88,7 +88,7 @@ def check_index(folder: Path, index: Index) -> None:
     file = folder / INDEX
     if read_whole(file, LARGEST_INDEX, "export the network again") != index.as_json():
         raise FileFormatError(
-            f"{file}: changed after it was written (its own SHA-256 differs); export the "
+            f"{file}: changed after it was written (SHA-256 of the index differs); export the "
             "network again"
         )
 

@@ -167,8 +167,8 @@ def pareto(
     ideal, nadir = payoff.min(axis=0), payoff.max(axis=0)
     if not (nadir > ideal).all():
         raise ProblemError(
-            f"objectives: {problem.name} has a point that minimises all objectives; there is no "
-            "front"
+            f"objectives: {problem.name} has a point that minimises all objectives, so the "
+            "front is a point"
         )
     related = normalised(problem, ideal, nadir)
     network = synthesize(decompose(related))
@@ -251,8 +251,8 @@ def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.nda
         )
         if not designed.settled:
             raise ProblemError(
-                f"objectives[{name}]: the network does not settle at its least value, so that "
-                "there is no ideal point"
+                f"objectives[{name}]: the network does not settle at its least value, so the "
+                "ideal point is unknown"
             )
         q, u, t, *_ = kkt_point(designed.network, designed.state)
         rows.append(plain.objective_values(np.column_stack([q, t[:, -1]]), u))

@@ -273,7 +273,7 @@ def stiffness_of(
     neuron = np.searchsorted(row.primal, place[live, 0])
     stage = place[live, 1]
     if (np.abs(stage[i] - stage[j]) > 1).any():
-        raise DesignError(f"{network.title}: the cost couples stages that are no neighbours")
+        raise DesignError(f"{network.title}: the cost couples stages that are not neighbours")
     m = len(row.primal)
     own = np.zeros((row.stages, m, m))
     following = np.zeros((row.stages - 1, m, m))

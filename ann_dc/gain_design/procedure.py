@@ -204,8 +204,8 @@ def design(
     """
     if not network.cell.duals:
         raise DesignError(
-            "design: the network has no PI dual neurons, so there is no penalty rho to "
-            "choose; set the time constants of its neurons manually"
+            "design: the network has no PI dual neurons, so a penalty rho is not defined; set "
+            "the time constants of its neurons manually"
         )
     allowed = _wirable(
         network, _allowed(preconditioner) if gain_rule is None else (gain_rule.kind,)

@@ -304,7 +304,7 @@ def _predicted(axes: Axes, found: Spectrum | None, end: float) -> None:
     pace = "falls" if found.abscissa < 0 else "grows"
     axes.plot(
         time[inside], np.exp(power[inside]), "--", color=INK, lw=1.2, zorder=4,
-        label=f"predicted: {pace} by e in {1 / abs(rate):.3g}" if rate else "predicted: stands",
+        label=f"predicted: {pace} by e in {1 / abs(rate):.3g}" if rate else "predicted: constant",
     )  # fmt: skip
 
 

@@ -52,8 +52,8 @@ def bounds_of(given: Any, symbols: Sequence[sp.Symbol]) -> dict[str, tuple[float
         name = key.name if isinstance(key, sp.Symbol) else key
         if name in checked or not isinstance(name, str) or name not in names:
             raise ProblemError(
-                f"bounds: {name!r} is specified twice or is none of {', '.join(names)}; only states "
-                "and controls have bounds"
+                f"bounds: {name!r} is specified twice or is none of {', '.join(names)}; only "
+                "states and controls have bounds"
             )
         checked[name] = _pair(name, pair)
     return {name: pair for name, pair in checked.items() if pair != NO_BOUND}

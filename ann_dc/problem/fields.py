@@ -43,8 +43,8 @@ NON_SMOOTH = (sp.Abs, sp.sign, sp.Max, sp.Min, sp.Piecewise, sp.Heaviside, sp.fl
 UNFIT = (
     (
         NON_SMOOTH,
-        "is not smooth; the stationarity equations need a derivative everywhere, so use a smooth "
-        "stand-in (for instance sqrt(x**2 + 0.01) for |x|)",
+        "is not smooth; the stationarity equations need a derivative everywhere, so use a "
+        "smooth approximation (for instance sqrt(x**2 + 0.01) for |x|)",
     ),
     (
         (AppliedUndef, sp.Derivative, sp.Subs, ExprWithLimits),
@@ -274,8 +274,8 @@ def measures(given, names: Sequence[str]) -> dict[str, str]:
             )
         if name in UNITS_OF_ALL and name in names:
             raise ProblemError(
-                f"units: {name!r} is one of the problem's own symbols, but also names the unit of "
-                f"the {name}; rename the symbol"
+                f"units: {name!r} is a symbol of the problem, but also names the unit of the "
+                f"{name}; rename the symbol"
             )
         checked[name] = _measure(name, unit)
     return checked

@@ -250,7 +250,7 @@ class HandedOn:
         for symbol in self.symbols:
             if symbol.name.lower() in [s.name.lower() for s in given]:
                 raise ProblemError(
-                    f"dt.symbol: {symbol} is one of the problem's own symbols; rename the step "
+                    f"dt.symbol: {symbol} is a symbol of the problem; rename the step "
                     'length, for instance StepLength(..., symbol="step")'
                 )
 

@@ -146,8 +146,8 @@ def _check_keys(table: Mapping) -> None:
     for key in REQUIRED:
         if key not in table:
             raise ProblemError(
-                f"{key}: missing; a problem file has the keys {known} (plain keys stand before "
-                "the first [table])"
+                f"{key}: missing; a problem file has the keys {known} (plain keys precede the "
+                "first [table])"
             )
 
 

@@ -42,12 +42,13 @@ ABOUT = (
 
 CUT = "d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise"
 PROJECTED = (
-    "the moves are v = M (d + r) with currents r of ideal diodes. Where x <= low, v >= 0, r >= 0 "
-    "and v r = 0; where x >= high, v <= 0, r <= 0 and v r = 0; elsewhere r = 0. So v is the argmin "
-    "of v' M^-1 v / 2 - d' v over all v that lead past no rail. To find r, hold the neurons C at "
-    "rails whose d points outward: v_C = 0 and r_C = -(M_CC)^-1 (M d)_C. Let go those whose r has "
-    "the wrong sign, hold those whose v has, until there is none; after 10 rounds exchange the last"
-    " of them only. A wrong r up to 1e-13 of the largest |d| + |r| of C counts as 0"
+    "the moves are v = M (d + r) with currents r of ideal diodes. Where x <= low, v >= 0, r >= "
+    "0 and v r = 0; where x >= high, v <= 0, r <= 0 and v r = 0; elsewhere r = 0. So v is the "
+    "argmin of v' M^-1 v / 2 - d' v over all v that exceed no limit. To find r, hold the "
+    "neurons C at limits whose d points outward: v_C = 0 and r_C = -(M_CC)^-1 (M d)_C. Let go "
+    "those whose r has the wrong sign, hold those whose v has, until there is none; after 10 "
+    "rounds exchange the last of them only. A wrong r up to 1e-13 of the largest |d| + |r| of "
+    "C counts as 0"
 )
 """Manifest text on saturation limits of neurons that M does not couple, and of those it does."""
 

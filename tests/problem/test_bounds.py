@@ -107,7 +107,7 @@ REFUSED = [
     ({w: (0, 1)}, "bounds: 'w' is specified twice or is none of x, v, a, b", "states"),
     ({"z": (0, 1)}, "bounds: 'z' is specified twice or is none of", "only states and controls"),
     ({3: (0, 1)}, "bounds: 3 is specified twice or is none of", "only states and controls"),
-    ({x: (-1, 1), "x": (0, 1)}, "bounds: 'x' is given twice", "x, v, a, b"),
+    ({x: (-1, 1), "x": (0, 1)}, "bounds: 'x' is specified twice", "x, v, a, b"),
     ({x: 1}, "bounds[x]: expected (low, high)", "got 1"),
     ({x: (0,)}, "bounds[x]: expected (low, high)", "None for no bound"),
     ({x: (0, 1, 2)}, "bounds[x]: expected (low, high)", "None for no bound"),

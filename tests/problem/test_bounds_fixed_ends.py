@@ -49,7 +49,8 @@ REFUSED = [
     ),
     (
         {"constraints": [sp.log(x) <= 1]},
-        "constraints[g1]: q_0 (x = 0) violates it for all controls: log(x) - 1 <= 0 is required, but "
+        "constraints[g1]: q_0 (x = 0) violates it for all controls: log(x) - 1 <= 0 is required, "
+        "but "
         "it has no finite value there",
     ),
     ({"constraints": [sp.sqrt(x - 1) <= 1]}, "constraints[g1]: q_0 (x = 0) violates it"),

@@ -48,7 +48,7 @@ REFUSED = [
     ({"dynamics": None}, "dynamics, map: neither given", "one of the two"),
     ({"map": (v, a)}, "dynamics, map: both given", "one of the two"),
     ({"cost": a**2 + w}, "cost: unknown symbol w", "replace it by a number"),
-    ({"cost": sp.Max(a, 0)}, "cost:", "smooth stand-in"),
+    ({"cost": sp.Max(a, 0)}, "cost:", "smooth approximation"),
     ({"cost": True}, "cost: True", "build it from symbols"),
     ({"cost": sp.Matrix([a])}, "cost:", "scalar SymPy expression"),
     ({"terminal_cost": a**2}, "terminal_cost: unknown symbol a", "known are v, x"),

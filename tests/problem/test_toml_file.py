@@ -247,7 +247,7 @@ REFUSED = [
         "None",
     ),
     (("[inputs]", "[bounds]\nx = [0.5, 2]\n[inputs]"), "bounds[x]: q_0 sets it to 0", "widen"),
-    (("[inputs]", "[bounds]\ndrag = [0, 1]\n[inputs]"), "bounds: 'drag' is given", "x, v, a"),
+    (("[inputs]", "[bounds]\ndrag = [0, 1]\n[inputs]"), "bounds: 'drag' is specified", "x, v, a"),
     (("states =", "bounds = [1]\nstates ="), "bounds: expected a table", "[bounds]"),
 ]
 

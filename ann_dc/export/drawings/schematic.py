@@ -209,7 +209,7 @@ class _Panel:
         kind |= {Multiplier: "multiplier", Generator: "generator"}
         words = kind[type(part)]
         if isinstance(part, PICell) and part.rectified:
-            words = "diode neuron"
+            words = "rectifying multiplier"
         self.page.text(
             (self.x + 3, self.y + 4), fitted(f"{words} {name}", 46), bold=True, size=PLAIN
         )

@@ -145,7 +145,7 @@ def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[st
     _require(same, VECTOR, f"differs from the network of {NAME}; export the network again")
     _check_controls(network, vector)
     for count, states in network.vectors.items():
-        why = f"its integers walk to other states after {count} steps than it says"
+        why = f"the states after {count} integer steps differ from the stored ones"
         _require(np.array_equal(network.states_after(count), states), NAME, why)
     anew = {**written(network), VECTOR: files[VECTOR]}
     for name in sorted({*files, *anew}):

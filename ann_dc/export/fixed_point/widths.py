@@ -191,7 +191,7 @@ class _Trial:
         text = f"reach a control error of {found.error:.1e} of the largest"
         text += f" (wanted {self.accuracy:g})"
         if found.error == np.inf:
-            text = "do not settle with the network's own inputs"
+            text = "do not settle with the inputs of the network"
         if self.ranges and found.measured.failed:
             link = ", and" if found.error > self.accuracy else ", but"
             text += f"{link} in the ranges {found.measured} (expected {found.measured.failed})"

@@ -208,8 +208,8 @@ def _readme(build: Build, parts: Sequence[Part]) -> str:
 
 {accuracy_text(build, parts)}
 
-In the board editor (Pcbnew): File, Import, Netlist, `{NETLIST}`. Level: {level}. `parts.csv` says
-what every part is in the deck of the pack. Components without a footprint are for you to choose:
+In the board editor (Pcbnew): File, Import, Netlist, `{NETLIST}`. Level: {level}. `parts.csv` lists
+the name of every part in the netlist of the pack. Choose the components without a footprint:
 switches of the reset, presets and constants (voltages), function generators.
 
 Nets `{GROUND}`, `V+`, `V-` are ground and the supplies; add decoupling capacitors and connectors.

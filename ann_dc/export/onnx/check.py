@@ -314,7 +314,7 @@ def _settled(settle: _Session, vector: ReferenceVector) -> str:
     apart = np.abs(states[..., 0] - vector.end).max() / max(1.0, np.abs(vector.end).max())
     if not apart <= END[settle.precision]:
         raise FileFormatError(
-            f"{SETTLE}: settles {apart:.1e} of the largest state beside the reference vector, "
+            f"{SETTLE}: settles {apart:.1e} of the largest state from the reference vector, "
             f"{END[settle.precision]:g} is allowed; export it again"
         )
     return (

@@ -116,12 +116,12 @@ def test_the_bill_counts_what_the_deck_has(car):
 def test_the_scaling_sheet_takes_volts_back(car):
     """Expected volts and user's values agree through it."""
     files = pack_files(*car, level="macro")
-    sheet = {r["stands for"]: r for r in csv.DictReader(io.StringIO(files["scaling.csv"].decode()))}
+    sheet = {r["quantity"]: r for r in csv.DictReader(io.StringIO(files["scaling.csv"].decode()))}
     for row in csv.DictReader(io.StringIO(files["expected_controls.csv"].decode())):
         scale = sheet[row["control"]]
-        value = float(scale["offset"]) + float(scale["user unit a volt"]) * float(row["volts"])
+        value = float(scale["offset"]) + float(scale["user unit per volt"]) * float(row["volts"])
         assert value == pytest.approx(float(row["expected"]), rel=1e-7)
-        product = float(scale["user unit a volt"]) * float(scale["volts a user unit"])
+        product = float(scale["user unit per volt"]) * float(scale["volts per user unit"])
         assert product == pytest.approx(1.0)
 
 

@@ -59,7 +59,7 @@ def test_the_figures_that_tell_most_are_there_and_the_others_are_named():
         "settling_time over gains.tau.u",
         "Yield over gains.tau.u",
         "predicted_settling_time against settling_time",
-        "How settling_time spreads",
+        "Distribution of settling_time",
         "residuals over time",
     ):
         assert title in titles

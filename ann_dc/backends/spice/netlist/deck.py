@@ -185,7 +185,7 @@ def _head(nodes: Nodes, level: Level) -> Lines:
     return (
         f"* {commented(nodes.network.title)}: {counted(nodes.network.stages, 'cells')}, "
         f"{level.name} level",
-        "* run by hand: ngspice -b -r out.raw <this file>, or in ngspice: source, run, plot",
+        "* manual run: ngspice -b -r out.raw <this file>, or in ngspice: source, run, plot",
         *(f"* {commented(line)}" for line in str(nodes.scaling).splitlines()),
         *(
             f"*   {commented(name)} = {_in_user_units(nodes, name, sign)}"
