@@ -68,8 +68,8 @@ class Remedy:
     def outcome(self) -> str:
         """Description of the trial run from the start."""
         if self.settling < np.inf:
-            return f"settles in {self.settling:.0f} fastest time constants"
-        return "was not tried" if np.isnan(self.settling) else "does not settle, or later"
+            return f"settles in {self.settling:.0f} tau_min"
+        return "has no trial run" if np.isnan(self.settling) else "does not settle, or later"
 
     def __str__(self) -> str:
         if np.isfinite(self.ratio):
@@ -122,21 +122,21 @@ class Diagnosis:
         """Reason for which the slowest mode is slow."""
         slowest = self.slowness.modes[0]
         if self.slowness.distance <= NEAR:
-            return "nothing in particular: the slowest mode is near the limit"
+            return "none: the slowest mode is near the limit"
         row = self._row_of(slowest)
-        along = f"shadow stiffness {slowest.sensitivity * row.penalty:.3g} along the mode"
+        along = f"multiplier sensitivity {slowest.sensitivity * row.penalty:.3g} along the mode"
         if slowest.cause is Cause.REACH:
             return (
-                f"the row {self._component(row)} is weakly reachable: {along}, "
+                f"constraint {self._component(row)} is weakly reachable: {along}, "
                 f"penalty {row.penalty:.3g}"
             )
         if slowest.cause is Cause.CURVATURE:
             return (
-                f"the penalty {row.penalty:.3g} on the row {self._component(row)} is low for the "
+                f"penalty {row.penalty:.3g} of constraint {self._component(row)} is low for the "
                 f"curvature: {along}"
             )
         return (
-            f"the preconditioner does not follow {_listed(slowest.leading[:SHOWN])}: "
+            f"the preconditioner does not couple {_listed(slowest.leading[:SHOWN])}: "
             f"{100 * slowest.dual_share:.0f} % of the energy is in multipliers"
         )
 
@@ -145,20 +145,23 @@ class Diagnosis:
         """Advice: more penalty, other row factors, another preconditioner, or none."""
         found = self.slowness
         if found.distance <= NEAR:
-            return f"nothing: the ratio is within a factor {NEAR:g} of the limit"
+            return f"none: the stiffness ratio is within a factor {NEAR:g} of the limit"
         compared = [remedy for remedy in self.remedies if remedy.compared]
         best = max(compared, key=lambda remedy: remedy.gain, default=None)
         if best is not None and best.helps:
             return (
-                f"{best.change}, {best.gain:.2g} times faster nearby, but passed over: from the "
-                f"start it {best.outcome}"
+                f"{best.change}: {best.gain:.2g} times faster near the optimum, but not selected, "
+                f"because it {best.outcome} from the initial guess"
             )
         preconditioner = "another preconditioner"
         if self.kind.is_stiffness:
-            preconditioner = "less of the path term (a stiffer start)"
+            preconditioner = "a smaller path weight (stiffer at the start)"
         if found.ratio < HELPS * found.exact_ratio():
-            return f"{preconditioner} with {found.needed:.3g} times the penalties; not alone"
-        return f"{preconditioner}; more penalty then takes the rest"
+            return (
+                f"{preconditioner} with {found.needed:.3g} times the penalties; "
+                "neither is sufficient alone"
+            )
+        return f"{preconditioner}; then larger penalties"
 
     def _row_of(self, mode: Mode) -> MultiplierSensitivity:
         """Return the constraint whose multiplier has the largest part of a mode's energy."""
@@ -173,20 +176,20 @@ class Diagnosis:
         slowest, stages = found.modes[0], found.modes[0].shape.shape[1]
         return "\n".join(
             [
-                f"{self.title}: ratio {found.ratio:.3g}, {found.distance:.3g} times the limit of "
-                f"{LIMIT:g} ({self.kind.value})",
-                f"{'row':28}{'penalty':>16}{'shadow stiffness at a stage':>29}{'over all':>18}",
+                f"{self.title}: stiffness ratio {found.ratio:.3g}, {found.distance:.3g} times the "
+                f"limit of {LIMIT:g} ({self.kind.value})",
+                f"{'constraint':28}{'penalty':>16}{'sensitivity at a stage':>26}{'all stages':>18}",
                 *self._row_lines(),
-                f"  all rows: {_span(found.lowest, found.highest)} times the penalties; "
-                f"rho* = {_span(found.rho_star)}",
-                f"slowest modes, over {counted(stages, 'stages')}",
+                f"  multiplier sensitivity: {_span(found.lowest, found.highest)} times the "
+                f"penalties; threshold rho* = {_span(found.rho_star)}",
+                f"slowest modes: energy by component, over {counted(stages, 'stages')}",
                 *(f"  {mode}" for mode in found.modes),
-                f"why: {self.reason}",
+                f"cause: {self.reason}",
                 f"  rate {slowest.rate:.3g} = {slowest.curvature:.3g} from curvature + "
                 f"{slowest.penalty:.3g} from the penalty",
-                f"{'what would help':46}{'ratio':>10}{'times faster':>15}",
+                f"{'remedy':42}{'stiffness ratio':>16}{'speed-up':>13}",
                 *(f"  {remedy}" for remedy in self.remedies),
-                f"so: {self.advice}",
+                f"advice: {self.advice}",
             ]
         )
 
@@ -199,7 +202,7 @@ class Diagnosis:
             ends = min(row.lowest for row in group), max(row.highest for row in group)
             names = ", ".join(row.neuron for row in group)
             penalty = _span(*_ends(np.array([row.penalty for row in group])))
-            yield f"  {names:26}{penalty:>16}{_span(*_ends(stages)):>29}{_span(*ends):>18}"
+            yield f"  {names:26}{penalty:>16}{_span(*_ends(stages)):>26}{_span(*ends):>18}"
 
 
 @checked
@@ -228,19 +231,20 @@ def diagnose(source: Design | Solution) -> Diagnosis:
     --------
     >>> from ann_dc import diagnose, design, plants
     >>> print(diagnose(design(plants.double_integrator(N=5))))  # doctest: +ELLIPSIS
-    double_integrator: ratio ... times the limit of 2...
+    double_integrator: stiffness ratio ... times the limit of 2...
     ...
     """
     design = source.design if isinstance(source, Solution) else source
     if design is None:
         raise DesignError(
-            "analyse: the gains of this solution were given by hand, so nothing was compared; "
-            "design its network, or look at ann_dc.analysis.slowness_of(network, state)"
+            "diagnose: the gains of this solution were given manually, so no candidates were "
+            "compared; design its network, or use ann_dc.analysis.slowness_of(network, state)"
         )
     if not design.settled:
         raise DesignError(
-            f"{design.network.title}: the first run did not settle in {design.first.steps} steps, "
-            "so there is no point to analyse; give it more steps (limit=) or a nearer target"
+            f"{design.network.title}: the gain-scheduled run did not settle in "
+            f"{design.first.steps} steps, so the equilibrium is unknown; raise limit= or choose "
+            "a nearer target"
         )
     network = design.network
     found = slowness_of(network, design.state)
@@ -272,7 +276,7 @@ def _compared(design: Design, ratio: float) -> Iterator[Remedy]:
         )
 
 
-_WITHIN = ("more penalty", "less penalty", "other row weights", "other factors")
+_WITHIN = ("larger penalty", "smaller penalty", "other row weights", "other factors")
 
 
 def _change(design: Design, candidate: Candidate) -> str:
@@ -286,12 +290,12 @@ def _change(design: Design, candidate: Candidate) -> str:
         return "other row weights"
     if np.isclose(factors[0], 1.0):
         return "" if candidate.gain_rule == design.best.gain_rule else "other factors"
-    return "more penalty" if factors[0] > 1 else "less penalty"
+    return "larger penalty" if factors[0] > 1 else "smaller penalty"
 
 
 def _exact(found: Slowness) -> Iterator[Remedy]:
     """Yield the exact preconditioner with the present and with the required penalties."""
-    changes = {"exact preconditioner, these penalties": 1.0}
+    changes = {"exact preconditioner, present penalties": 1.0}
     if found.exact_ratio() > LIMIT:
         changes[f"exact preconditioner, {found.needed:.3g} times the penalties"] = found.needed
     for change, factor in changes.items():
@@ -306,7 +310,7 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 def _span(*ends: float) -> str:
     """Return one number as text, or two that differ."""
     reported = [f"{0.0 if abs(value) < ROUNDING else value:.3g}" for value in ends]
-    return " .. ".join(dict.fromkeys(reported))
+    return " to ".join(dict.fromkeys(reported))
 
 
 def _listed(names: tuple[str, ...]) -> str:

@@ -152,7 +152,7 @@ def check_new(
     folder: str | os.PathLike[str],
     *,
     replace: bool = False,
-    remedy: str = "give the name of a new folder, or move this one away first",
+    remedy: str = "use the name of a new folder, or move this one",
 ) -> None:
     """Raise `OutputError`, with a remedy, if a folder cannot be written under this name.
 
@@ -169,8 +169,8 @@ def check_new(
         raise OutputError(f"{os.fspath(folder)!r} exists already; {remedy}")
     if not has_room:
         raise OutputError(
-            f"{os.fspath(folder)!r} cannot be written ({str(parent)!r} is no folder that may be "
-            "written to); give a path in a folder that exists and may be written to"
+            f"{os.fspath(folder)!r} cannot be written ({str(parent)!r} is not a writable "
+            "folder); use a path in an existing, writable folder"
         )
 
 
@@ -205,12 +205,12 @@ def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
         ) from error
     except MemoryError as error:
         raise FileFormatError(
-            f"{str(file)!r} is larger than the memory that is left; {remedy}"
+            f"{str(file)!r} is larger than the available memory; {remedy}"
         ) from error
     if size > limit:
         raise FileFormatError(f"{str(file)!r} is larger than {limit} bytes; {remedy}")
     if grows:
-        raise FileFormatError(f"{str(file)!r} has more bytes than it says; {remedy}")
+        raise FileFormatError(f"{str(file)!r} has more bytes than its size states; {remedy}")
     return content
 
 
@@ -231,8 +231,8 @@ def as_output_error(
         reason = getattr(error, "strerror", None) or error
         raise OutputError(
             f"{os.fspath(path)!r} cannot be written "
-            f"({'a file stands where a folder is needed' if is_file else reason}); "
-            "give a path in a folder that exists and may be written to"
+            f"({'a file has the name of the folder' if is_file else reason}); use a path in an "
+            "existing, writable folder"
         ) from error
 
 
@@ -244,11 +244,11 @@ def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
     """
     text = _read_text(file, kind)
     if _LONG_KEY.search(text):
-        raise FileFormatError(f"{file}: a key has too many dots; a {kind} needs none")
+        raise FileFormatError(f"{file}: a key has too many dots")
     try:
         return tomllib.loads(text)
     except RecursionError as error:
-        raise FileFormatError(f"{file}: the file nests too deeply; a {kind} needs none") from error
+        raise FileFormatError(f"{file}: the file nests too deeply") from error
     except tomllib.TOMLDecodeError as error:
         raise FileFormatError(f"{file}: not valid TOML: {error}; see {example}") from error
     except ValueError as error:  # an impossible date, a whole number of 5000 digits
@@ -256,7 +256,7 @@ def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
 
 
 def _read_text(file: Path, kind: str) -> str:
-    remedy = f"give the path of a .toml {kind} file, a page of text"
+    remedy = f"use the path of a .toml {kind} file"
     try:
         return read_whole(file, LARGEST_TABLE, remedy).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -282,8 +282,8 @@ class Lock:
             self._lock.acquire(PATIENCE, PATIENCE / 5)
         except Timeout as refused:
             raise error(
-                f"{str(file.parent)!r}: {_holder(file) or 'another process'} is at work on {on}; "
-                "wait for its end or end it, or give another folder"
+                f"{str(file.parent)!r}: {_holder(file) or 'another process'} is writing to "
+                f"{on}; wait for its end, or use another folder"
             ) from refused
 
     def release(self) -> None:

@@ -53,11 +53,11 @@ def load(key: str) -> bytes | None:
         _warn(f"compiled code is not read from {file}: {error}")
         return None
     if content is None:
-        _warn(f"compiled code is not read from {file}: others than you can write to it")
+        _warn(f"compiled code is not read from {file}: other users can write to it")
         return None
     checksum, code = content[:32], content[32:]
     if checksum != _checksum(key, code):
-        _warn(f"{file} is damaged: it is compiled anew")
+        _warn(f"{file} is damaged; it is compiled again")
         return None
     with contextlib.suppress(OSError):
         os.utime(file)
@@ -82,7 +82,7 @@ def store(key: str, code: bytes) -> None:
     except OSError as error:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
-        _warn(f"compiled code is not kept in {where}: {error}")
+        _warn(f"compiled code is not stored in {where}: {error}")
 
 
 def _last_used(file: Path) -> float:
@@ -109,7 +109,7 @@ def _trusted() -> Path | None:
     where = folder()
     if where is None or not hasattr(os, "getuid"):
         return None
-    why = "it is no folder of yours that nobody else can write to"
+    why = "it is not a folder to which only the current user can write"
     try:
         where.mkdir(mode=0o700, parents=True, exist_ok=True)
         if where.is_dir() and _is_private(where):
@@ -117,7 +117,7 @@ def _trusted() -> Path | None:
     except OSError as error:
         why = str(error)
     _warn(
-        f"compiled code is kept in memory only: {where}: {why} (set {FOLDER_VARIABLE} to another)"
+        f"compiled code is stored in memory only: {where}: {why} (set {FOLDER_VARIABLE} to another)"
     )
     return None
 

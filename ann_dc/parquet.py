@@ -38,7 +38,7 @@ def write_blocks(
     `types` contains the pyarrow type name of every column. pyarrow must be installed. Raises
     `OutputError` if the file cannot be written; an existing file is then unchanged.
     """
-    pyarrow, parquet = pyarrow_modules("write_blocks", "CSV needs nothing")
+    pyarrow, parquet = pyarrow_modules("write_blocks", "CSV does not need it")
     fields = [(name, getattr(pyarrow, word)()) for name, word in types.items()]
     schema = pyarrow.schema(fields, metadata=dict(metadata))
     with writing_whole(path) as stream, parquet.ParquetWriter(stream, schema) as table:

@@ -36,9 +36,9 @@ class Deadline:
     Examples
     --------
     >>> with Deadline(silent, seconds=0.0) as progress:
-    ...     progress("first run: step 25")
+    ...     progress("gain-scheduled run: step 25")
     Traceback (most recent call last):
-    ann_dc.progress.Stopped: 0 s were over (limit)
+    ann_dc.progress.Stopped: the time limit of 0 s expired
     """
 
     def __init__(self, progress: Progress, seconds: float = float("inf")) -> None:
@@ -62,9 +62,9 @@ class Deadline:
     def check(self) -> None:
         """Raise `Stopped` if the time limit has expired or the user has interrupted."""
         if self.interrupted:
-            raise Stopped("it was interrupted")
+            raise Stopped("interrupted")
         if clock.monotonic() >= self.end:
-            raise Stopped(f"{self.allowed} s were over (limit)")
+            raise Stopped(f"the time limit of {self.allowed} s expired")
 
     def __enter__(self) -> Deadline:
         before = signal.getsignal(signal.SIGINT)

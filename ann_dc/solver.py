@@ -122,8 +122,10 @@ def solve(
     Returns
     -------
     Solution
-        Returned for every outcome; check ``solution.status``. An unreachable target and a cost
-        without a minimum have separate outcomes. Contradictory inequalities do not: the run stalls.
+        Returned for every outcome; check ``solution.status``. An unreachable target or
+        contradictory inequalities end as ``INFEASIBLE``, a cost without a minimum as
+        ``UNBOUNDED``. A contradiction that the feasibility check does not find ends as
+        ``STALLED`` or ``NOT_SETTLED``.
 
     Raises
     ------
@@ -181,8 +183,8 @@ def solve(
         if ode is not None:
             if designed is None:
                 raise FormError(
-                    "S16: the gain (33) needs the solution, which only a design knows; leave "
-                    "gains= out"
+                    "S16: the gain (33) needs the solution, which only a design provides; omit "
+                    "gains="
                 )
             backend = OracleBackend(ode=ode, gain=OracleGain(settled=designed.state, low=1e-3))
         return solution_of(
@@ -321,8 +323,7 @@ def design(
     if ranges is not None:
         if not (isinstance(source, OptimalControlProblem) and gain_rule is None and refine is None):
             raise DesignError(
-                "ranges: a family needs the problem itself, whose optima it certifies, and neither "
-                "gain_rule= nor refine="
+                "ranges: a design over a range needs a problem, and neither gain_rule= nor refine="
             )
         source = held(source, any_start=True)
         return design_family(source, ranges, preconditioner=preconditioner, progress=progress)

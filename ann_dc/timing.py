@@ -61,7 +61,7 @@ class Stopwatch:
     >>> with Stopwatch() as watch:
     ...     solution = ann_dc.solve(ann_dc.plants.double_integrator(N=5))
     >>> [*watch.phases][:4]
-    ['everything else', 'stage equations', 'network', 'first run']
+    ['everything else', 'stage equations', 'network', 'gain-scheduled run']
     >>> all(seconds.wall >= 0 for seconds in watch.phases.values())
     True
     """

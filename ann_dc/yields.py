@@ -96,7 +96,7 @@ class Yield:
         low, high = self.interval
         said, of = f"{100 * self.share:.1f} %", f"{self.passed} of {self.count}"
         if self.draws == 0:
-            return f"{said} ({of}, nothing drawn: no interval)"
+            return f"{said} ({of}, nothing random: no interval)"
         few = self.draws is not None and self.draws < self.count
         of += f" from {self.draws} draws" if few else ""
         return f"{said} ({100 * low:.1f} to {100 * high:.1f} %, {of})"
@@ -113,7 +113,7 @@ def ends_of(limit: Limit) -> tuple[float, float]:
     low, high = pair
     ends = -math.inf if low is None else float(low), math.inf if high is None else float(high)
     if not ends[0] <= ends[1]:
-        raise StudyError(f"spec: the limit {limit!r} is empty; give (smallest, largest)")
+        raise StudyError(f"spec: the limit {limit!r} is empty; use (smallest, largest)")
     return ends
 
 

@@ -28,7 +28,7 @@ from ann_dc.study import Table
 from ann_dc.study.shipped import FACTORS, boundaries, settling_against_gains
 
 KINDS = {
-    "resistive-grid": ("neighbour grid", style.GREEN, "v"),
+    "resistive-grid": ("resistive grid", style.GREEN, "v"),
     "multilevel": ("multilevel", style.BLUE, "o"),
     "diagonal": ("time constants alone", style.VERMILION, "s"),
 }

@@ -36,7 +36,7 @@ CARS = {
     "input.q_d.y": (4.0, 6.0),
 }
 """Starts within half a metre, headings within 0.2 rad, targets between 4 and 6 m."""
-KINDS = {"multilevel": "multilevel", "resistive-grid": "neighbour grid"}
+KINDS = {"multilevel": "multilevel", "resistive-grid": "resistive grid"}
 ORDERS = {
     "simultaneous": ("all at once", style.BLUE),
     "two-phase": ("duals after primals", style.ORANGE),

@@ -218,7 +218,7 @@ def test_a_network_that_does_not_settle_is_told_of_a_preconditioner_that_may():
     network = design(problem, preconditioner=PreconditionerKind.DIAGONAL).network
     network = network.with_start(synthesize(problem).start_state)  # the design found presets
     with pytest.raises(
-        NetworkError, match=r"has to settle to be scaled; .*--preconditioner multilevel"
+        NetworkError, match=r"has to settle for scaling; .*--preconditioner multilevel"
     ):
         SpiceBackend().prepare(network)
 
@@ -390,7 +390,7 @@ def test_levels_without_rails_refuse_them_by_name(level):
     with pytest.raises(NetworkError, match=f"rails of u.a are not built at level {level.name}"):
         SpiceBackend(level=level).prepare(network_of("limited control"))
     circuit, _ = prepared("limited control", MACRO)
-    with pytest.raises(NetworkError, match="rails of"):
+    with pytest.raises(NetworkError, match="limits of"):
         emulate(circuit, level)
 
 

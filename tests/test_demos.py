@@ -252,7 +252,7 @@ def test_a_circuit(tmp_path):
 @needs_ngspice
 @pytest.mark.slow
 def test_the_ladder(tmp_path):
-    wanted = ("behavioural", "E96 resistors alone", "opa192_ad734", "transistor")
+    wanted = ("behavioural", "E96 resistors only", "opa192_ad734", "transistor")
     result = demo("09_the_ladder").main(tmp_path, wanted=lambda rung: rung.name in wanted)
     assert_drawn(result, 1)
     rungs = result["rungs"]
@@ -260,7 +260,7 @@ def test_the_ladder(tmp_path):
     assert rungs["behavioural"].error < 1e-5
     assert rungs["transistor"].error < 5e-3
     assert rungs["transistor"].settling < 15e-6
-    for name in ("E96 resistors alone", "opa192_ad734"):
+    for name in ("E96 resistors only", "opa192_ad734"):
         assert rungs[name].error == pytest.approx(rungs[name].predicted_error, rel=1e-2)
         assert rungs[name].settling == pytest.approx(rungs[name].predicted_settling, rel=2e-2)
     assert rungs["fatrop on this CPU"].settling > rungs["transistor"].settling
@@ -409,7 +409,7 @@ def test_from_a_question_to_a_yield_curve(tmp_path):
     assert shares["circuit.bandwidth_margin"] == [0, 1, 0]
     assert shares["tolerance.resistor"][0] == 1 > shares["tolerance.resistor"][1]
     margins = result["tables"]["circuit.bandwidth_margin"].by("circuit.bandwidth_margin")
-    assert margins[5.0].outcomes == {"settled point repels": 3}
+    assert margins[5.0].outcomes == {"equilibrium is unstable": 3}
     assert margins[13.0].outcomes == {"settled": 3}  # too slow
     spot = result["spot"]
     assert spot.off("control_error").max() < 1e-3
@@ -540,7 +540,7 @@ def test_on_a_board(tmp_path):
     result = demo("27_on_a_board").main(
         tmp_path,
         ann_dc.plants.double_integrator(N=3),
-        simulated=("no effect", "bias current 1 uA", "0.3 % of feedthrough"),
+        simulated=("no effect", "bias current 1 uA", "feedthrough 0.3 %"),
         presets=("opa192_ad734", "tl072_ad633"),
         picofarads=(0, 4, 8),
     )

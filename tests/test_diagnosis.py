@@ -59,8 +59,8 @@ def test_penalties_are_told_apart_from_metrics(name):
         if c.gain_rule == design.best.gain_rule
     ]
     changes = {remedy.change for remedy in diagnosis(name).remedies}
-    assert ("more penalty" in changes) == any(factor > 1.01 for factor in same)
-    assert ("less penalty" in changes) == any(factor < 0.99 for factor in same)
+    assert ("larger penalty" in changes) == any(factor > 1.01 for factor in same)
+    assert ("smaller penalty" in changes) == any(factor < 0.99 for factor in same)
 
 
 def test_other_row_weights_are_told():
@@ -95,27 +95,27 @@ def test_reasons_name_the_row():
         dual_share=0.5, sensitivity=-9.0
     )
     assert slowest.leading[0] in reason(dual_share=0.0)
-    assert reason(dual_share=0.0).startswith("the preconditioner does not follow ")
+    assert reason(dual_share=0.0).startswith("the preconditioner does not couple")
 
 
 def test_nothing_helps_near_the_limit():
     near = with_ratio(diagnosis("car"), 3.0)
     assert near.advice.startswith("nothing: ")
-    assert near.reason.startswith("nothing in particular")
+    assert near.reason.startswith("none")
 
 
 def test_advice_is_what_gains_most():
     found = with_ratio(diagnosis("car"), 30.0)
     exact = tuple(remedy for remedy in found.remedies if not remedy.compared)
-    better = Remedy(change="more penalty", ratio=10.0, gain=3.0, compared=True)
-    worse = Remedy(change="less penalty", ratio=60.0, gain=0.5, compared=True)
+    better = Remedy(change="larger penalty", ratio=10.0, gain=3.0, compared=True)
+    worse = Remedy(change="smaller penalty", ratio=60.0, gain=0.5, compared=True)
     assert better.helps
     assert not worse.helps
     assert replace(found, remedies=(better, worse, *exact)).advice.startswith("more penalty, 3 ")
     other = replace(found, remedies=(worse, *exact), kind=PreconditionerKind.MULTILEVEL)
     assert other.advice.startswith("another preconditioner")
     assert replace(other, kind=PreconditionerKind.RESISTIVE_GRID).advice.startswith(
-        "less of the path term"
+        "a smaller path weight"
     )
 
 
@@ -133,7 +133,7 @@ def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
     found = diagnosis("car")
     low = replace(found.slowness, lowest=-3.0, highest=6.0)
     assert low.exact_ratio() == float("inf")
-    remedies = (Remedy(change="more penalty", ratio=60.0, gain=0.5, compared=True),)
+    remedies = (Remedy(change="larger penalty", ratio=60.0, gain=0.5, compared=True),)
     reported = with_ratio(
         replace(found, slowness=low, remedies=remedies, kind=PreconditionerKind.MULTILEVEL), 30.0
     )
@@ -156,7 +156,7 @@ def test_a_solution_is_analysed_by_its_design():
     assert slowest.cause in (Cause.REACH, Cause.PRECONDITIONER)
     reported = {
         Cause.REACH: "is weakly reachable",
-        Cause.PRECONDITIONER: "the preconditioner does not follow",
+        Cause.PRECONDITIONER: "the preconditioner does not couple",
     }
     assert reported[slowest.cause] in found.reason
 
@@ -165,7 +165,7 @@ def test_gains_by_hand_are_refused():
     problem = ann_dc.plants.double_integrator(N=3)
     gains = manual_gains(ann_dc.synthesize(problem), rho=1.0)
     solution = ann_dc.solve(problem, gains=gains, backend=ann_dc.OdeBackend(verify=False))
-    with pytest.raises(DesignError, match=r"given by hand.*slowness_of"):
+    with pytest.raises(DesignError, match=r"given manually.*slowness_of"):
         ann_dc.diagnose(solution)
 
 

@@ -31,7 +31,7 @@ def test_what_was_there_survives_a_failed_write(tmp_path, monkeypatch, call):
 
     (tmp_path / "file").write_bytes(b"old")
     monkeypatch.setattr(os, call, full)
-    with pytest.raises(OutputError, match=r"file' cannot be written \(No space.*; give a path"):
+    with pytest.raises(OutputError, match=r"file' cannot be written \(No space.*; use a path"):
         write_whole(tmp_path / "file", b"new")
     assert (tmp_path / "file").read_bytes() == b"old"
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
@@ -69,19 +69,19 @@ def test_what_cannot_be_read_is_told_with_the_remedy(tmp_path):
         (tmp_path / "none", "does not exist"),
         (tmp_path / "file", "is larger than 3 bytes"),
     ):
-        with pytest.raises(FileFormatError, match=f"{path}' {reason}.*; give another"):
-            read_whole(path, limit=3, remedy="give another")
+        with pytest.raises(FileFormatError, match=f"{path}' {reason}.*; use another"):
+            read_whole(path, limit=3, remedy="use another")
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="needs files of unknown size")
 def test_a_file_that_does_not_say_its_size_is_refused():
     with pytest.raises(FileFormatError, match="has more bytes than it says; give another"):
-        read_whole("/proc/self/stat", limit=10_000, remedy="give another")
+        read_whole("/proc/self/stat", limit=10_000, remedy="use another")
 
 
 def test_a_name_that_no_file_can_have_is_told():
     with pytest.raises(FileFormatError, match=r"cannot be read \(File name too long\); give"):
-        read_whole("a" * 5000, limit=10, remedy="give another")
+        read_whole("a" * 5000, limit=10, remedy="use another")
 
 
 def test_reading_takes_the_memory_of_the_file(tmp_path):
@@ -109,7 +109,7 @@ def test_a_folder_that_cannot_be_completed_leaves_nothing(tmp_path, monkeypatch,
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, call, full)
-    with pytest.raises(OutputError, match=r"new' cannot be written \(No space.*; give a path"):
+    with pytest.raises(OutputError, match=r"new' cannot be written \(No space.*; use a path"):
         write_folder(tmp_path / "new", FILES)
     assert list(tmp_path.iterdir()) == []
 
@@ -171,7 +171,7 @@ def test_what_has_the_name_of_a_new_folder_stays(tmp_path, kind):
 @pytest.mark.parametrize("place", ["no/folder", "file/folder", "a\0b"])
 def test_a_folder_in_no_folder(tmp_path, place):
     (tmp_path / "file").write_bytes(b"kept")
-    with pytest.raises(OutputError, match=r"give a path in a folder that exists"):
+    with pytest.raises(OutputError, match=r"use a path in an existing, writable folder"):
         write_folder(tmp_path / place, FILES)
     assert [file.name for file in tmp_path.iterdir()] == ["file"]
 

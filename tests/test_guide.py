@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 from code_blocks import ROOT, blocks_of, difference, run_page
+from typer.main import get_command
 
-from ann_dc.backends.status import Outcome
+from ann_dc.backends.status import EXPLANATIONS, Outcome
+from ann_dc.cli.commands.app import app
 
 GUIDE = ROOT / "demos" / "guide"
 PAGES = sorted(GUIDE.glob("*.md"))
@@ -67,6 +69,38 @@ def test_table_of_outcomes_has_a_row_for_every_outcome():
     page = (GUIDE / "certification.md").read_text("utf-8")
     rows = re.findall(r"^\| `([A-Z_]+)` \| (.+) \| (.+) \|$", page, re.MULTILINE)
     assert [name for name, *_ in rows] == [outcome.name for outcome in Outcome]
+    assert {name: tuple(texts) for name, *texts in rows} == {
+        outcome.name: tuple(explanation) for outcome, explanation in EXPLANATIONS.items()
+    }
+
+
+NAMES = re.compile(r"ann-dc [a-z]+(?: --[a-z-]+)?|--[a-z-]+")
+
+
+def unknown(text: str) -> list[str]:
+    """Return the commands and options in a text that the command line does not have."""
+    commands = get_command(app).commands
+    options = {
+        name: {word for option in command.params for word in option.opts}
+        for name, command in commands.items()
+    }
+    missing = []
+    for found in NAMES.findall(text):
+        _, command, option = f"{found}  ".split(" ")[:3] if " " in found else ("", "", found)
+        known = options.get(command, set()) if command else set().union(*options.values())
+        if (command and command not in options) or (option and option not in known):
+            missing.append(found)
+    return missing
+
+
+@pytest.mark.parametrize("outcome", EXPLANATIONS)
+def test_commands_and_options_of_a_next_step_exist(outcome):
+    assert unknown(EXPLANATIONS[outcome].next_step) == []
+
+
+def test_unknown_commands_and_options_are_found():
+    text = "raise --limit, or ann-dc designs; ann-dc design --step; ann-dc design --diagnose"
+    assert unknown(text) == ["--limit", "ann-dc designs", "ann-dc design --step"]
 
 
 @pytest.mark.parametrize(

@@ -158,7 +158,7 @@ def test_files_of_others_stay(monkeypatch, tmp_path):
 def test_a_folder_that_cannot_be_written_to(tmp_path):
     folder = tmp_path / "compiled"
     folder.mkdir(mode=0o500)
-    assert "not kept" in run(folder)[0]
+    assert "not stored" in run(folder)[0]
 
 
 def test_a_full_disk(monkeypatch, tmp_path):

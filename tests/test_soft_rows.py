@@ -80,7 +80,7 @@ def test_a_price_above_the_multiplier_gives_the_hard_optimum():
     assert (kept.at_price, kept.yielding, kept.worst, kept.cost) == (
         0, 0, "", pytest.approx(0, abs=1e-8)
     )  # fmt: skip
-    assert "all kept" in str(soft.certificate)
+    assert "all satisfied" in str(soft.certificate)
 
 
 @pytest.mark.slow

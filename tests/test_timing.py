@@ -94,9 +94,9 @@ def test_a_solve_is_told_apart():
     reported = [
         "stage equations",
         "network",
-        "first run",
+        "gain-scheduled run",
         "gains",
-        "rehearsals",
+        "trial runs",
         "run",
         "certificate",
     ]

@@ -91,5 +91,5 @@ except ImportError as error:
 @pytest.mark.parametrize("needing", NEEDING.values(), ids=NEEDING)
 def test_what_needs_torch_says_how_to_get_it(needing):
     reported = told_by(ASKED.format(needing=needing))
-    assert reported.startswith("the recurrent layers run on torch, which is not installed")
+    assert reported.startswith("recurrent layers need torch, which is not installed")
     assert reported.endswith("pip install 'ann-dc[torch]'")

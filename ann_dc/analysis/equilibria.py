@@ -70,8 +70,8 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
             return found
         found = _root(network, inside)
     raise NetworkError(
-        f"{network.title}: Newton's method found no equilibrium between the rails; run the network "
-        "and start from where it settled"
+        f"{network.title}: Newton's method found no equilibrium within the saturation limits; "
+        "run the network and use its settled state as the initial state"
     )
 
 
@@ -94,6 +94,6 @@ def _root(network: Network, x: np.ndarray) -> np.ndarray:
         if size < _RESOLUTION * scale:
             return x
     raise NetworkError(
-        f"{network.title}: Newton's method found no equilibrium near the given state; "
-        "run the network and start from where it settled"
+        f"{network.title}: Newton's method found no equilibrium near the given state; run the "
+        "network and use its settled state as the initial state"
     )

@@ -179,7 +179,8 @@ def predicted_settling(
     """
     if network.size > LARGEST:
         raise NetworkError(
-            f"network: it has {network.size} neurons, and all modes are computed up to {LARGEST}"
+            f"network: expected at most {LARGEST} neurons for the computation of all modes, "
+            f"got {network.size}"
         )
     path = _Path(network, settled, start, tolerance)
     if not np.isfinite(path.end):

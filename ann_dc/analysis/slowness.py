@@ -62,11 +62,9 @@ NOISE = 0.05
 class Cause(enum.Enum):
     """Cause of a slow mode; the value is the sentence that is displayed."""
 
-    REACH = "weakly reachable rows: the multipliers answer a push with more than the penalty"
+    REACH = "weakly reachable constraints: the multiplier sensitivity exceeds the penalty"
     CURVATURE = "the penalty is low for the curvature of the constraints"
-    PRECONDITIONER = (
-        "the preconditioner does not follow: neurons that should move together move one by one"
-    )
+    PRECONDITIONER = "the preconditioner does not couple the neurons that should change together"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -230,8 +228,9 @@ def slowness_of(network: Network, x: State) -> Slowness:
         lowest, highest = saddle.sensitivity_range(weights)
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise NetworkError(
-            f"{network.title}: the settled point is not isolated (its KKT matrix is singular), so "
-            "its modes have no rates; leave out states that neither cost nor constraints determine"
+            f"{network.title}: the settled point is not isolated (its KKT matrix is singular), "
+            "so its modes have no rates; omit states that neither cost nor constraints "
+            "determine"
         ) from error
     return Slowness(
         spectrum=spectrum(network, x),
@@ -247,8 +246,8 @@ def _penalties(network: Network) -> np.ndarray:
     """Return the path weight (P,) of every PI dual and diode neuron, otherwise zero."""
     if not network.cell.duals:
         raise NetworkError(
-            f"{network.title}: has no PI dual neurons, so there are no rows; its spectrum is all "
-            "that is known"
+            f"{network.title}: has no PI dual neurons and therefore no constraints; only its "
+            "spectrum is available"
         )
     weights = {connection.name: connection.weight for connection in network.cell.connections}
     penalties = np.zeros(len(network.cell.neurons))
@@ -257,8 +256,9 @@ def _penalties(network: Network) -> np.ndarray:
         penalty = float(given.flat[0])
         if not (penalty > 0 and (given == penalty).all()):
             raise NetworkError(
-                f"{network.title}: the row of {dual.neuron} has no penalty, or not one for all "
-                "stages; give it one (manual_gains(rho=...)), or design the network"
+                f"{network.title}: the constraint of {dual.neuron} has no penalty, or a penalty "
+                "that differs between stages; set one penalty (manual_gains(rho=...)), or "
+                "design the network"
             )
         penalties[network.neuron_index[dual.neuron]] = penalty
     return penalties

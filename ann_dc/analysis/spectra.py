@@ -191,7 +191,7 @@ def _swinging(
     reported = Paced(progress)
     while omega < _FARTHER * fast:  # never where one of them is nan
         reported(
-            lambda reached=omega: f"spectrum: modes that swing, at {reached / fast:.1%} of all"
+            lambda reached=omega: f"spectrum: oscillating modes, at {reached / fast:.1%} of all"
         )
         centre = (RIGHT + 1j) * omega
         shift = scipy.sparse.diags_array(centre * slowness)

@@ -238,8 +238,8 @@ class BatchRun:
         """
         if self.curves is None:
             raise NetworkError(
-                "trajectory: this batch kept no curves; run it with a backend that has "
-                "curves=200, the number of states to keep of every sample"
+                "trajectory: the batch stored no trajectories; run it with a backend that has "
+                "curves=200, the number of stored states per sample"
             )
         return self.curves.trajectory(sample, self.network_of(sample))
 
@@ -278,7 +278,7 @@ class BatchRun:
             steps = self.settling_steps[settled]
             lines[0] += f", in {int(np.median(steps))} steps (median), at most {steps.max()}"
         if completed.any():
-            lines[0] += f", {completed.sum()} ran for the duration given"
+            lines[0] += f", {completed.sum()} completed the given duration"
         lost = np.flatnonzero(~(settled | completed))
         lines += [f"  {self.message(sample)}" for sample in lost[:10]]
         lines += [f"  and {len(lost) - 10} more"] if len(lost) > 10 else []

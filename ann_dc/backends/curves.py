@@ -46,7 +46,7 @@ class Tabulated(ABC):
         except ImportError as error:
             raise PandasMissing(
                 "to_frame: a data frame needs pandas, which is not installed: pip install "
-                "'ann-dc[pandas]'; to_csv and to_npz need nothing"
+                "'ann-dc[pandas]'; to_csv and to_npz do not need it"
             ) from error
         frame = pandas.DataFrame(self.curves.columns())
         frame.attrs["units"] = self.curves.column_units()
@@ -94,7 +94,7 @@ class Tabulated(ABC):
         `PyarrowMissing` if pyarrow is not installed, and `OutputError` if the file cannot be
         written; an existing file is then left unchanged.
         """
-        pyarrow_modules("to_parquet", "to_csv and to_npz need nothing")
+        pyarrow_modules("to_parquet", "to_csv and to_npz do not need it")
         columns = self.curves.columns()
         units = json.dumps(self.curves.column_units())
         types = dict.fromkeys(columns, "float64")
@@ -188,4 +188,4 @@ def check_curves_file(path: str | os.PathLike[str]) -> None:
             f"{os.fspath(path)!r}: expected a name that ends in {', '.join(first)} or {last}"
         )
     if suffix == ".parquet":
-        pyarrow_modules(repr(os.fspath(path)), ".csv and .npz need nothing")
+        pyarrow_modules(repr(os.fspath(path)), ".csv and .npz do not need it")

@@ -189,7 +189,7 @@ class _Work:
 
     def _line(self, group: Group | None = None) -> str:
         running = int((self.found.codes == RUNNING).sum())
-        reported = f"{running} of {len(self.found.codes)} samples run on"
+        reported = f"{running} of {len(self.found.codes)} samples still run"
         if group is None or len(self.found.codes) > 1 or not running:
             return reported
         done, *residuals = group.memory[[DONE, CONSTRAINT, STATIONARITY]].max(axis=1)

@@ -216,7 +216,7 @@ class OdeBackend:
         method = BATCHES if self.method is COMPILED else self.method
         if method.rows is None:
             raise NetworkError(
-                f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
+                f"method: batches run in compiled code, and {method.name} belongs to SciPy; omit it"
             )
         waveforms = waveform_batch(network, inputs)
         self._check_duration(network, waveforms)
@@ -258,7 +258,7 @@ class OdeBackend:
         """Raise `NetworkError` if inputs change over time and no duration is given."""
         if waveforms and self.duration is None:
             raise NetworkError(
-                f"duration: {network.title} has inputs over time, of {', '.join(waveforms)}; give "
+                f"duration: {network.title} has inputs over time ({', '.join(waveforms)}); set "
                 "the duration of the run"
             )
 
@@ -294,16 +294,18 @@ class OdeBackend:
             If inputs change over time and no ``duration`` is given, or another right-hand side is.
         """
         if network.waveforms and rhs is not None:
-            raise NetworkError("rhs: another right-hand side has no inputs over time; leave it out")
+            raise NetworkError(
+                "rhs: another right-hand side does not support inputs over time; omit it"
+            )
         self._check_duration(network, network.waveforms)
         run = _Integration(network, self, self.method, rhs).run()
         if run.status.outcome is Outcome.COMPLETED:
-            return replace(run, verified="its residual is not below tolerance at the end")
+            return replace(run, verified="its residual is not below the tolerance at the end")
         if not run.status.settled or not self.verify:
             return run
         tight = _Integration(network, self, self.method.tighter(), rhs).run()
         if tight.status.outcome is Outcome.STOPPED:
-            why = f"{run.verified}; {tight.status}, so no second run checks it"
+            why = f"{run.verified}; {tight.status}, not verified by a second run"
             return replace(run, verified=why)
         change = abs(tight.settling_time - run.settling_time) / max(run.settling_time, 1e-300)
         verdict = "agrees" if tight.status.settled and change < 0.02 else "does NOT agree"
@@ -415,7 +417,7 @@ class _Integration:
         steps, times = recorder.steps, recorder.residual_times
         if steps % CRAWL == 0 and now - times[-1 - CRAWL] < self.fastest:
             neuron = self.network.label(int(np.abs(self.rhs(self.stepper.state)).argmax()))
-            why = f"its steps have become very short where neuron {neuron} moves fast"
+            why = f"steps became very short where neuron {neuron} changes fast"
             return why, advice if self.method.implicit else status.LONGER_STEPS
         if steps % window or steps < 3 * window:
             return None
@@ -441,4 +443,4 @@ class _Integration:
             if end > now * (1 + 1e-9):
                 self.stepper.go_on(end)
                 return None
-        return f"{limit or LIMIT:g} fastest time constants (limit)"
+        return f"{limit or LIMIT:g} tau_min (limit)"

@@ -97,7 +97,7 @@ class Recorder:
             status=status,
             tolerance=settling.tolerance,
             settling_time=settling_time(trajectory, settling, exit) if settled else float("nan"),
-            verified="the residual stayed below tolerance and fell on to "
+            verified="the residual stayed below the tolerance and decreased to "
             f"{settling.confirm:g} of it"
             if settled
             else "not settled",

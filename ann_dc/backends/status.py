@@ -21,12 +21,12 @@ STEADY = 0.1
 """Largest relative difference of a multiplier's growth in two quarters of a run."""
 LEAST_GROWTH = 0.02
 """Smallest reported growth per quarter of a run, relative to the largest multiplier."""
-LONGER_STEPS = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
+LONGER_STEPS = "use an implicit method: method=ann_dc.ode.RADAU or --method Radau"
 """Advice if the fastest modes limit the steps of an explicit method."""
-DAMPING = "damp it: lower the weights of its neurons' connections to themselves"
+DAMPING = "damp it: reduce the weights of the neurons' connections to themselves"
 """Advice for a limit cycle, which no method or initial guess ends."""
 FINER = (
-    "take the compiled method: method=ann_dc.ode.COMPILED or --method compiled; if the network is "
+    "use the compiled method: method=ann_dc.ode.COMPILED or --method compiled; if the network is "
     "stiff, tighter tolerances: method.tighter()"
 )
 """Advice if the error of an implicit method prevents the residual from falling."""
@@ -41,14 +41,14 @@ NAMED = 4
 class Outcome(enum.Enum):
     """Outcome of a run; the value is the sentence shown to the user."""
 
-    SETTLED = "settled: the KKT residual stays below tolerance"
-    COMPLETED = "ran for the duration given"
-    NOT_SETTLED = "not settled within the time given"
+    SETTLED = "settled: the KKT residual stays below the tolerance"
+    COMPLETED = "completed the given duration"
+    NOT_SETTLED = "not settled within the limit"
     DIVERGED = "diverged"
     LEFT_DOMAIN = "left the domain of a function block"
-    STALLED = "stalled: the KKT residual fell no further"
+    STALLED = "stalled: the KKT residual no longer decreases"
     STOPPED = "stopped before its end"
-    FOUND = "the optimum is known, but no network was seen to settle there"
+    FOUND = "optimum known, but no network settled there"
     INFEASIBLE = "infeasible: no controls reach the target"
     UNBOUNDED = "unbounded: the cost has no minimum"
 
@@ -63,43 +63,43 @@ class Explanation(NamedTuple):
 EXPLANATIONS: dict[Outcome, Explanation] = {
     Outcome.SETTLED: Explanation(
         "The relative KKT residual fell below the tolerance and stayed below it.",
-        "check the certificate of the solution",
+        "check solution.certified; if it is False, solution.verdict states the reason",
     ),
     Outcome.COMPLETED: Explanation(
         "The run lasted for the given duration and is not settled at its end.",
-        "omit the duration to run until the network settles",
+        "omit --duration to run until the network settles",
     ),
     Outcome.NOT_SETTLED: Explanation(
         "The run reached its limit of steps, network time or wall-clock time.",
-        "check that the target is within reach, then raise the limit",
+        "check that the target is within reach, then raise --max-settling or --max-steps",
     ),
     Outcome.DIVERGED: Explanation(
         "A state exceeded 1e9 times the largest initial one, or is not finite.",
-        "use designed gains, shorter steps, or another initial guess",
+        "use designed gains, a shorter --step, or another --initial-guess",
     ),
     Outcome.LEFT_DOMAIN: Explanation(
         "A function block received a value outside its domain.",
         "start closer to the solution",
     ),
     Outcome.STALLED: Explanation(
-        "The KKT residual no longer decreases.",
-        "start elsewhere",
+        "The KKT residual no longer decreases, or steps became very short.",
+        "try another --initial-guess",
     ),
     Outcome.STOPPED: Explanation(
         "A time limit, Ctrl-C or the progress receiver ended the run.",
-        "raise the time limit, or use the returned state as the initial guess",
+        "raise --time-limit, or use the returned state as the initial guess",
     ),
     Outcome.FOUND: Explanation(
         "The optimum is known, but no network with constant gains settled there.",
-        "try other preconditioner kinds or another initial guess",
+        "try another --preconditioner; ann-dc design --diagnose lists the slow modes",
     ),
     Outcome.INFEASIBLE: Explanation(
-        "No controls within their bounds reach the target.",
-        "move the target, extend the horizon, or widen the bounds",
+        "No controls reach the target and satisfy all constraints.",
+        "change the target, add stages, widen the bounds, or make a constraint soft",
     ),
     Outcome.UNBOUNDED: Explanation(
         "The cost decreases without bound.",
-        "add a cost on the variable that grows, or bound it",
+        "add a cost for the variable that grows, or check the signs",
     ),
 }
 """Meaning and next step of every outcome; status messages that give advice begin with it."""
@@ -160,9 +160,9 @@ def completed(residuals: tuple[float, float], now: float) -> Status:
     Examples
     --------
     >>> str(completed((0.0, 0.3), 25.0))
-    'completed after 25 unit time constants, the duration given: KKT residual 3.0e-01'
+    'completed after 25 unit time constants, the given duration: KKT residual 3.0e-01'
     """
-    message = f"completed after {now:.6g} unit time constants, the duration given: KKT residual"
+    message = f"completed after {now:.6g} unit time constants, the given duration: KKT residual"
     message = f"{message} {max(residuals):.1e}"
     return Status(outcome=Outcome.COMPLETED, message=message, neuron=None, time=now)
 
@@ -183,7 +183,7 @@ def diverged(network: Network, x: np.ndarray, now: float, note: str | None = Non
 def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
     """Return the status of a run in which a block left its domain in a stage from 0."""
     name = network.cell.blocks[block].name
-    penalty = ", or with more penalty" if network.cell.duals else ""
+    penalty = ", or use larger penalties" if network.cell.duals else ""
     message = (
         f"left the domain of {name} in cell {stage} after {now:.4g} unit time constants; "
         f"{EXPLANATIONS[Outcome.LEFT_DOMAIN].next_step}{penalty}"
@@ -201,7 +201,7 @@ def elsewhere(network: Network) -> str:
     --------
     >>> import ann_dc
     >>> elsewhere(ann_dc.synthesize(ann_dc.plants.car()))
-    'start elsewhere, or design a network for these inputs'
+    'try another --initial-guess, or design a network for these inputs'
     """
     design = ", or design a network for these inputs" * bool(network.cell.duals)
     return EXPLANATIONS[Outcome.STALLED].next_step + design
@@ -215,13 +215,13 @@ def no_headway(
     The states (T, n) are those of the last ``steps``, and ``residual`` is their smallest. The
     tolerances of an implicit method do not fall with the residual.
     """
-    why, advice = f"the last {steps} steps made it no smaller", elsewhere(network)
+    why, advice = f"the last {steps} steps did not reduce it", elsewhere(network)
     if swings := swinging(network, states):
         return swings, DAMPING
     if not method.implicit:
         return why, f"if the network is stiff, {LONGER_STEPS}; else {advice}"
     if residual < NOISE * method.rtol:
-        return f"{why}: {method.name} errs as much with rtol={method.rtol:g}", FINER
+        return f"{why}: it equals the error of {method.name} with rtol={method.rtol:g}", FINER
     return why, advice
 
 
@@ -236,18 +236,19 @@ def swinging(network: Network, states: np.ndarray) -> str:
     widest = int(np.argmax(swing))
     if network.cell.duals or not swing[widest] > SWINGS * np.abs(states).max():
         return ""
-    return f"neuron {network.label(widest)} kept swinging by {swing[widest]:.3g}"
+    return f"neuron {network.label(widest)} continued to oscillate by {swing[widest]:.3g}"
 
 
 def stalled(residuals: tuple[float, float], now: float, why: str, advice: str) -> Status:
     """Return the status of a run without further headway, with evidence and advice."""
-    message = f"stalled {_reached(residuals, now)}, and {why}; {advice}"
+    message = f"stalled {_reached(residuals, now)}, {why}; {advice}"
     return Status(outcome=Outcome.STALLED, message=message, neuron=None, time=now)
 
 
 def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
-    """Return the status of an interrupted run; ``why`` ends "... when"."""
-    message = f"stopped {_reached(residuals, now)} when {why}"
+    """Return the status of an interrupted run; ``why`` is the reason, as a clause."""
+    next_step = EXPLANATIONS[Outcome.STOPPED].next_step
+    message = f"stopped {_reached(residuals, now)} ({why}); {next_step}"
     return Status(outcome=Outcome.STOPPED, message=message, neuron=None, time=now)
 
 
@@ -276,7 +277,7 @@ def not_settled(residuals: tuple[float, float], now: float, bound: str) -> Statu
     message = f"not settled within {bound} (s = {now:.4g}): KKT residual {max(residuals):.1e}"
     if not residuals[0] < UNMET:
         next_step = EXPLANATIONS[Outcome.NOT_SETTLED].next_step
-        message += f"; the constraints are not met: {next_step}"
+        message += f"; constraints are not satisfied: {next_step}"
     return Status(outcome=Outcome.NOT_SETTLED, message=message, neuron=None, time=now)
 
 
@@ -308,11 +309,11 @@ def with_growth(
     rows = {diode.neuron for diode in network.cell.inequality_duals}
     names = [network.cell.neurons[i].name for i in found]
     reported = ", ".join(sorted(names, key=lambda name: name not in rows)[:NAMED])
-    so_far = status.message.removesuffix(f"; {elsewhere(network)}")  # from there they would, too
+    so_far = status.message.removesuffix(f"; {elsewhere(network)}")  # they would grow from there
+    remedy = EXPLANATIONS[Outcome.INFEASIBLE].next_step
     message = (
-        f"{so_far}; the multipliers {reported} grow steadily: if constraints contradict each "
-        "other, loosen one of them, make it soft, or change the target; else a network with these "
-        "gains does not settle"
+        f"{so_far}; multipliers {reported} grow linearly: constraints contradict each other "
+        f"({remedy}), or the network does not settle with these gains"
     )
     return replace(status, message=message)
 

@@ -94,8 +94,8 @@ def check_order(order: Order, network: Network) -> None:
     if order == STAGE_BY_STAGE and len(network.shared):
         name = network.cell.neurons[network.shared[0]].name
         raise NetworkError(
-            f"order: {name} is shared by all cells and moves with what all of them send, which "
-            "stage by stage is not there; take SIMULTANEOUS or TWO_PHASE"
+            f"order: {name} is shared by all cells and needs the sums of all of them, which "
+            "stage-by-stage updates do not have; use SIMULTANEOUS or TWO_PHASE"
         )
 
 
@@ -162,8 +162,7 @@ class StepLimits:
         if 0 < self.stable < step:
             warnings.warn(
                 f"step {step:g} is above the stability limit {self.stable:.3g} of "
-                f"{self._network.title} at its start: fast neurons grow from step to step; take a "
-                "shorter one",
+                f"{self._network.title} at its start: fast neurons diverge; use a shorter step",
                 stacklevel=5,
             )
 

@@ -128,8 +128,8 @@ class Trajectory(Record, Tabulated):
         times, (known, states) = np.asarray(times, float), self.known
         if not self.is_dense:
             raise NetworkError(
-                "at: only rows are known of this trajectory (a circuit, recurrent steps, a copy or "
-                "a file); use its time and states, or run the network with OdeBackend"
+                "at: the trajectory has samples only (a circuit, recurrent steps, a copy or a "
+                "file); use its time and states, or run the network with OdeBackend"
             )
         if times.ndim != 1 or not ((times >= known[0]) & (times <= known[-1])).all():
             raise NetworkError(

@@ -68,8 +68,8 @@ def drift_and_drive(problem: OptimalControlProblem) -> list[tuple[sp.Expr, sp.Ex
         drift, driven = sp.expand(still - q), sp.expand(f - still)
         if drift.has(sp.nan, sp.zoo):
             raise FormError(
-                "S4, S6, S17: the map has no value at u = 0, so drift and control part "
-                "cannot be told apart; leave these switches off"
+                "S4, S6, S17: the map has no value at u = 0, so drift and control part cannot "
+                "be separated; omit these switches"
             )
         parts.append((drift, driven))
     return parts
@@ -309,18 +309,21 @@ def _check_ends(problem: OptimalControlProblem, form: Form) -> None:
     """Raise a `FormError` if a switch needs a fixed q_0, a fixed dt or a single cost."""
     if problem.objectives and form != CORRECTED:
         raise FormError(
-            f"{form}: the printed equations have one cost, and {problem.name} has the objectives "
-            f"{', '.join(problem.objective_names)}; give one cost, or leave the switches off"
+            f"{form}: the printed equations have one cost, and {problem.name} has the "
+            f"objectives {', '.join(problem.objective_names)}; use one cost, or omit the "
+            "switches"
         )
     if not all(problem.fixed_start) and (form.printed_ranges or form.closed_lower_level):
         free = ", ".join(str(s) for s, f in zip(problem.states, problem.fixed_start) if not f)
         raise FormError(
-            f"S11, S15, S17: q_0 leaves {free} free, and what would tie it to the first stage is "
-            "what these switches leave out; leave them off, or give every component of q_0"
+            f"S11, S15, S17: q_0 leaves {free} free, and these switches omit its connection to "
+            "the first stage; omit them, or specify every component of q_0"
         )
     dividing = form.damping_without_dt or form.control_without_dt
     if isinstance(problem.dt, StepLength) and (dividing or form.lower_level is LowerForm.LITERAL):
-        raise FormError("S4, S6, S17: they move dt, which this problem chooses; give it a number")
+        raise FormError(
+            "S4, S6, S17: the switches change dt, which this problem determines; set dt to a number"
+        )
 
 
 DAMPING = 0.99

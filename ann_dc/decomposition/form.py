@@ -34,8 +34,8 @@ class LowerForm(enum.Enum):
     """
 
     ITERATED = "(16)"
-    CLOSED = "(30), signs repaired"
-    LITERAL = "(30) to the letter"
+    CLOSED = "(30), signs corrected"
+    LITERAL = "(30) as printed"
 
 
 @such_as("ann_dc.CORRECTED")

@@ -123,7 +123,7 @@ def check_written(codes: Iterable[int]) -> None:
         if block.name not in WRITTEN:
             raise NetworkError(
                 f"function block {block.name!r}: the interpreted evaluator and fixed-point "
-                f"programs have no formula for it; write it with {', '.join(OPERATIONS)}"
+                f"programs have no formula for it; use {', '.join(OPERATIONS)}"
             )
 
 

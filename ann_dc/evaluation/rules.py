@@ -109,7 +109,7 @@ def size_in_words(end: np.ndarray, reach: float, offsets: str = "") -> str:
         return (
             f"the largest distance of a control from its offset ({offsets})"
             if offsets
-            else ("the largest one")
+            else ("the largest control")
         )
     if reach:
         what = (

@@ -262,8 +262,8 @@ def _check_buses(slots: _Slots, drives, sources, weights, network: Network) -> N
             if (is_summed and on_bus) or any(place for _, place in slots.nodes[source]):
                 name = network.cell.neurons[row].name
                 raise NetworkError(
-                    f"{name}: what all cells send to it may depend on their own neurons, and on "
-                    "those that they share in the last cell only"
+                    f"{name}: the inputs from all cells may depend on neurons of the same cell "
+                    "only, or on shared neurons in the last cell"
                 )
 
 

@@ -23,8 +23,8 @@ NUMBERS = {"weight", "tau"}
 WORDS = {"title", "ranges", "cell"}
 """Fields of a network that do not affect the wiring or are compared separately."""
 ELSEWHERE = {
-    "inputs": "; give them to run_batch as inputs",
-    "start": "; give them to run_batch as x",
+    "inputs": "; pass them to run_batch as inputs",
+    "start": "; pass them to run_batch as x",
 }
 """Remedies for fields that differ."""
 
@@ -115,7 +115,7 @@ class Numbers:
         apart = [shape[::2] for shape in (self.weights.shape, self.rates.shape)]
         if apart[0] != apart[1]:
             raise NetworkError(
-                f"weights, rates: samples and stages do not agree: {apart[0]} and {apart[1]}"
+                f"weights, rates: samples and stages differ: {apart[0]} and {apart[1]}"
             )
 
     def __len__(self) -> int:
@@ -131,13 +131,12 @@ class Numbers:
             given = getattr(self, field).shape[1:]
             if given != own.shape:
                 raise NetworkError(
-                    f"numbers: {field} of a network of another wiring: {given} a sample, expected "
-                    f"{own.shape}"
+                    f"numbers: {field} of a network with another wiring: {given} per sample, "
+                    f"expected {own.shape}"
                 )
         if not np.array_equal(self.rates > 0, np.broadcast_to(tape.rates > 0, self.rates.shape)):
             raise NetworkError(
-                "numbers: rates have to be positive where the network has a neuron, and zero where "
-                "it has none"
+                "numbers: expected positive rates for neurons of the network and zero elsewhere"
             )
 
     def network_of(self, network: Network, sample: int) -> Network:

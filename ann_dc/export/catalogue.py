@@ -52,11 +52,11 @@ FORMATS: dict[str, Format] = {
         loses="nothing",
     ),
     "csv": Format(
-        title="one matrix of all weights of the row, for people who want to look",
+        title="one matrix of all weights of the array, in readable form",
         write=csv_files,
         contents=f"{VECTOR} weights.csv tensors.csv manifest.json",
         run=csv_check,
-        carries="every synapse with the names of its ends, every bias",
+        carries="every synapse with the names of its nodes, every bias",
         loses="time constants, limits, preconditioner",
     ),
     "onnx": Format(
@@ -64,8 +64,8 @@ FORMATS: dict[str, Format] = {
         write=onnx_files,
         contents=f"{VECTOR} step.onnx settle.onnx",
         run=onnx_check,
-        carries="dynamics, preconditioner, rails, domains, residual; any batch",
-        loses="adaptive steps, acceleration, the rule that ends what stalls",
+        carries="dynamics, preconditioner, limits, domains, residual; any batch",
+        loses="adaptive steps, acceleration, detection of stalled runs",
     ),
     "torch_program": Format(
         title="a step as a program of torch.export",
@@ -73,7 +73,7 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} torch_program.pt2 torch_program.json",
         run=torch_program_check,
         executes=True,
-        carries="dynamics, preconditioner, rails; any batch",
+        carries="dynamics, preconditioner, limits; any batch",
         loses="the loop to settling",
     ),
     "nir": Format(
@@ -82,7 +82,7 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} network.nir nir.json",
         run=nir_check,
         carries="linear networks: integrators and affine maps",
-        loses="products, functions and rails are refused by name",
+        loses="products, functions and limits (rejected by name)",
     ),
     "pack": Format(
         title="decks, library, bill, scaling and expected waveforms: run ngspice -b",
@@ -90,10 +90,10 @@ FORMATS: dict[str, Format] = {
         contents=f"pack.zip | {VECTOR} {DECK} bill.csv expected_waveforms.csv library/*",
         run=stated_in_pack,
         carries="the circuit of a level, part by part",
-        loses="the problem: it is in volts and seconds",
+        loses="the problem (values are in volts and seconds)",
     ),
     "ltspice": Format(
-        title="the same deck in LTspice's dialect, which was not run in LTspice",
+        title="netlist in LTspice's dialect (not tested in LTspice)",
         write=ltspice_files,
         contents=f"{VECTOR} {DECK}",
         run=stated,
@@ -101,7 +101,7 @@ FORMATS: dict[str, Format] = {
         loses="tolerances and bill",
     ),
     "xyce": Format(
-        title="the same deck in Xyce's dialect, which was not run in Xyce",
+        title="netlist in Xyce's dialect (not tested in Xyce)",
         write=xyce_files,
         contents=f"{VECTOR} {DECK}",
         run=stated,
@@ -114,10 +114,10 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} circuit.net parts.csv",
         run=stated,
         carries="components with values and footprints, and their nets",
-        loses="behaviour: there are no models",
+        loses="behaviour (KiCad parts have no models)",
     ),
     "verilog_a": Format(
-        title="modules from the integrator to the whole network, not run by a simulator",
+        title="modules from the integrator to the whole network (not tested in a simulator)",
         write=verilog_a_files,
         contents=f"{VECTOR} network.va scaling.csv expected_controls.csv SHA256SUMS",
         run=stated,
@@ -130,7 +130,7 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} conductances.csv conductances.json network.npz",
         run=conductances_check,
         carries="every weight, with its exact inverse",
-        loses="blocks and neurons, which are not on the crossbar; digits beyond the levels",
+        loses="blocks and neurons (not on the crossbar); digits beyond the levels",
     ),
     "capacitors": Format(
         title="whole unit capacitors for switched-capacitor chips",
@@ -138,7 +138,7 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} capacitors.csv capacitors.json network.npz",
         run=capacitors_check,
         carries="every weight and time constant as a ratio",
-        loses="what rounding to whole units takes away, and tells",
+        loses="the rounding errors to whole units, which are reported",
     ),
     "analog_computer": Format(
         title="integrators, multipliers and coefficients of REDAC-like computers",
@@ -146,16 +146,16 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} analog_computer.json",
         run=analog_computer_check,
         carries="the whole flow, scaled to +-1 machine unit",
-        loses="routing to a machine's clusters; rails of coupled neurons are refused by name",
+        loses="routing to a machine's clusters; limits of coupled neurons (rejected by name)",
     ),
     "c99": Format(
-        title="C99 without floating point, which tests itself",
+        title="C99 without floating point, with a self-test",
         write=c99_files,
         contents="*",
         run=c99_check,
-        carries="the recurrence in integers, bit for bit that of its golden model",
-        loses="digits beyond the word; inputs out of range saturate, which a status tells; rails "
-        "of coupled neurons are refused by name",
+        carries="the recurrence in integers, equal to the golden model bit for bit",
+        loses="digits beyond the word length; inputs out of range saturate (reported by a "
+        "status); limits of coupled neurons (rejected by name)",
     ),
     "hdl": Format(
         title="SystemVerilog with one multiplier, and a testbench",
@@ -166,18 +166,18 @@ FORMATS: dict[str, Format] = {
         loses="the same",
     ),
     "diagram": Format(
-        title="the cell or the row as a diagram, SVG and PDF",
+        title="the cell or the array as a diagram, SVG and PDF",
         write=diagram_files,
         contents=f"{VECTOR} cell.svg cell.pdf | {VECTOR} chain.svg chain.pdf",
-        carries="neurons, blocks, weights, what goes to the neighbours",
+        carries="neurons, blocks, weights, connections to the neighbours",
         loses="digits beyond those shown",
     ),
     "schematic": Format(
-        title="every kind of part with its values, SVG and PDF",
+        title="one part of every kind with its values, SVG and PDF",
         write=schematic_files,
         contents=f"{VECTOR} schematic_*.svg schematic_*.pdf",
         carries="one of each kind",
-        loses="all parts but one of each kind: `pack` has them all",
+        loses="all other parts (complete in `pack`)",
     ),
     "latex": Format(
         title="the equations of the cell, and tables of its numbers",
@@ -262,7 +262,7 @@ def inspect_export(
     if not folders:
         raise FileFormatError(
             f"{str(place)!r}: no weight file ({', '.join(NETWORKS)}) and no folder that ann-dc "
-            "export wrote; give one of these"
+            "export wrote; use one of these"
         )
     found = []
     for folder in folders:
@@ -309,7 +309,7 @@ def _check_network(index: Index, files: Files) -> None:
     vector = ReferenceVector.from_json(files[VECTOR])
     if (index.wiring, index.content) != (vector.wiring, vector.content):
         raise FileFormatError(
-            f"{INDEX}: is of another network than {VECTOR} beside it; export the network again"
+            f"{INDEX}: belongs to another network than {VECTOR}; export the network again"
         )
 
 

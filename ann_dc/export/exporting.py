@@ -118,7 +118,7 @@ def export_network(
     for name in settings:
         _form_with(name, names)
     place = make_folder(out)
-    progress("walking to the settled point" if duration is None else "first steps")
+    progress("run to the settled point" if duration is None else "first steps")
     vector = reference_vector(network, duration=duration)
     done = []
     for name in names:
@@ -146,7 +146,7 @@ def _form_with(setting: str, formats: Iterable[str]) -> Format:
             return form
     known = {key for form in forms for key in form.settings}
     near = difflib.get_close_matches(setting, known, 1)
-    there = f"choose from: {', '.join(known)}" if known else "these formats have none"
+    there = f"choose from: {', '.join(known)}" if known else "these formats have no settings"
     what = f"did you mean {near[0]!r}?" if near else there
     raise UnknownNameError(f"setting {setting!r} does not exist; {what}")
 
@@ -155,7 +155,7 @@ def _asked(to: str | Sequence[str]) -> list[str]:
     """Return the distinct names of the requested formats."""
     given = [to] if isinstance(to, str) else list(to)
     if not given:
-        raise ExportError(f"to: expected a format at least, of: all, {', '.join(FORMATS)}")
+        raise ExportError(f"to: expected one or more formats of: all, {', '.join(FORMATS)}")
     for name in given:
         if name not in ("all", *FORMATS):
             raise UnknownNameError.of("format", name, ["all", *FORMATS])
@@ -168,8 +168,8 @@ def _exported(
     """Create, check and write the files of one format."""
     if network.waveforms and name not in DRIVEN:
         raise ExportError(
-            f"inputs: expected constant values for {name}, got {', '.join(network.waveforms)} over "
-            f"time; take one of {', '.join(DRIVEN)}, or export the network of one time, "
+            f"inputs: expected constant values for {name}, got {', '.join(network.waveforms)} "
+            f"over time; use one of {', '.join(DRIVEN)}, or export the network of one time, "
             "network.at_time(0.0)"
         )
     form = FORMATS[name]
@@ -200,7 +200,7 @@ def _worth(name: str, files: Files) -> str:
         return f"not checked: {error}"
     except FileFormatError as error:
         raise ExportError(
-            f"{name}: the files made do not pass their own check, so that none is written: {error}"
+            f"{name}: the files failed their check and are not written: {error}"
         ) from error
 
 
@@ -247,8 +247,8 @@ def _check_own(folder: Path, name: str) -> None:
     for place in below(folder, name):
         if place.is_symlink():
             raise OutputError(
-                f"{str(place)!r} is a link, and an export writes into its own folder alone; remove "
-                "the link, or give another folder"
+                f"{str(place)!r} is a link, which an export does not follow; remove the link, "
+                "or use another folder"
             )
 
 
@@ -256,8 +256,8 @@ def _check_foreign(file: Path, content: bytes) -> None:
     """Raise `OutputError` if a file would be replaced that no known export wrote."""
     if file.is_file() and file.read_bytes() != content:
         raise OutputError(
-            f"{str(file)!r} is there already, and no export known of wrote it; move "
-            "it away, or give another folder"
+            f"{str(file)!r} already exists and was not written by an export; move it, or use "
+            "another folder"
         )
 
 

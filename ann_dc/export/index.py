@@ -61,7 +61,7 @@ def hashes_of(files: Mapping[str, bytes]) -> dict[str, str]:
 def read_index(folder: Path) -> Index:
     """Read the index in a folder, or raise `FileFormatError`."""
     file = folder / INDEX
-    content = read_whole(file, LARGEST_INDEX, "give a folder that ann-dc export wrote")
+    content = read_whole(file, LARGEST_INDEX, "use a folder that ann-dc export wrote")
     try:
         table = read_manifest(content.decode("utf-8"), FORMAT, SCHEMA)
         return _index_of(table)
@@ -77,7 +77,7 @@ def _index_of(table: Table) -> Index:
     for name in files:
         if not _PLAIN.fullmatch(name) or name == INDEX:
             raise FileFormatError(
-                f"manifest.files: {name!r:.60} is no name of a file in the folder"
+                f"manifest.files: {name!r:.60} is not the name of a file in the folder"
             )
     texts = {key: table.get(key, str) for key in ("to", "title", "version", "wiring", "content")}
     return Index(**texts, settings=table.get("settings", dict), files=files)
@@ -88,7 +88,8 @@ def check_index(folder: Path, index: Index) -> None:
     file = folder / INDEX
     if read_whole(file, LARGEST_INDEX, "export the network again") != index.as_json():
         raise FileFormatError(
-            f"{file}: not what was written (its own SHA-256 differs); export the network again"
+            f"{file}: changed after it was written (SHA-256 of the index differs); export the "
+            "network again"
         )
 
 
@@ -116,8 +117,8 @@ def read_files(folder: Path, index: Index) -> dict[str, bytes]:
         found[name] = read_whole(folder / name, LARGEST_FILE, "export the network again")
         if hashlib.sha256(found[name]).hexdigest() != expected:
             raise FileFormatError(
-                f"{folder / name}: not what was written (its SHA-256 differs): changed since, or "
-                "left by an export that was interrupted; export the network again"
+                f"{folder / name}: differs from the written file (SHA-256): changed later, or "
+                "left by an interrupted export; export the network again"
             )
     return found
 
@@ -127,8 +128,8 @@ def exported_network(folder: Path) -> Network:
     index = read_index(folder)
     if index.to != WEIGHTS:
         raise FileFormatError(
-            f"{str(folder)!r} is an export to {index.to!r:.40}, from which no network is read; "
-            "give the folder of an export to 'weights', a weight file, or the problem"
+            f"{str(folder)!r} is an export to {index.to!r:.40}, which contains no network to be "
+            "read; use the folder of an export to 'weights', a weight file, or the problem"
         )
     check_index(folder, index)
     name = next((name for name in read_files(folder, index) if name.startswith("network.")), "")

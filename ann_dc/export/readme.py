@@ -83,7 +83,7 @@ for k in range(1, max(expected) + 1):
 
 CUT = {
     "rails": """\
-def held(x, move):  # 0 where it would push a neuron beyond the rail at which it is
+def held(x, move):  # 0 where it would push a neuron beyond the limit at which it is
     return np.where((x <= low) & (move < 0) | (x >= high) & (move > 0), 0, move)""",
     "moves": "held(x, (M @ held(x, np.where(live, d, 0)).ravel()).reshape(x.shape) * live)",
 }
@@ -91,7 +91,7 @@ def held(x, move):  # 0 where it would push a neuron beyond the rail at which it
 
 PROJECTED = {
     "rails": """\
-def projected(x, d):  # v = M (d + r): currents r of diodes hold neurons at rails
+def projected(x, d):  # v = M (d + r): currents r of diodes hold neurons at limits
     def outward(y): return (x <= low) & (y < 0) | (x >= high) & (y > 0)
     held = outward(d)
     for turn in range(1000):
@@ -150,15 +150,15 @@ femtofarads can be bought or built. `pack` with series=E96-pairs has a bill of p
 ABOUT: dict[str, str] = {
     "weights": """\
 `ann_dc.load` reads the weight file. Without ann_dc: 'manifest.json' (the same text is in the weight
-file) has the equation and the formula of M under `about`, and under `tensors` what each array is,
-with its axes and units. This program needs Python and NumPy alone; it takes the steps of the
+file) has the equation and the formula of M under `about`, and under `tensors` the meaning of each
+array, with its axes and units. This program needs Python and NumPy alone; it takes the steps of the
 reference vector, and prints how far each listed state is off.
 
 """,
     "csv": """\
 'weights.csv' has a row for everything that receives and a column for everything that sends, at all
 stages: u[3].x is the control x of stage 3. 'tensors.csv' has every number of the network, a line
-each, and 'manifest.json' says what its arrays are.
+each, and 'manifest.json' describes its arrays.
 """,
     "onnx": """\
 'step.onnx' takes states, inputs and step to next_states and the residual of the states given;
@@ -184,9 +184,9 @@ bias (nirtorch 2.6 does not). Time is the network's, that of the time constants 
 'reference_vector.json', which has the start as well: NIR has none.
 """,
     "conductances": f"""\
-weight = (g_plus_S - g_minus_S) * divisor / scale, in siemens; 0 S is a place that is left open.
-'conductances.json' has the scale of every column and the divisors. What is no weight, blocks and
-preconditioner, is in 'network.npz'.
+weight = (g_plus_S - g_minus_S) * divisor / scale, in siemens; 0 S is an open place.
+'conductances.json' has the scale of every column and the divisors. Blocks and the
+preconditioner are in 'network.npz'.
 
 {_NAMES}""",
     "capacitors": f"""\
@@ -195,12 +195,12 @@ negative units take their source in the other phase. 'capacitors.json' has the s
 
 {_NAMES}""",
     "analog_computer": """\
-Every element says a value between -1 and 1 machine unit, which stands for its `scale` times that.
+Every element has a value between -1 and 1 machine unit, to be multiplied by its `scale`.
 A row of `matrix` is target, source, coefficient and the gain that multiplies it. Machine time is
 the network's times `time_scale`.
 """,
     "diagram": """\
-Labels are the names that nodes have in all exports; numbers beside connections are weights.
+Labels are the names that nodes have in all exports; numbers at connections are weights.
 """,
     "schematic": _BOUGHT,
     "latex": """\
@@ -221,7 +221,7 @@ def readme(
         for file in ARRAYS
         if name == "weights" and file in files
     ]
-    compared = "what the files do with it"
+    compared = "the results of the files"
     if form.executes or form.run is not_run:
         compared = f"the SHA-256 of the files with '{INDEX}'"
     settles = f"settles after {vector.steps} steps" if vector.settles else "does not settle"

@@ -131,7 +131,8 @@ def family_of(
 def _checked_ranges(network: Network, ranges: Mapping) -> dict[str, tuple[float, float]]:
     if not ranges:
         raise ProblemError(
-            f"ranges: no input is given a range; there are {', '.join(network.cell.inputs)}"
+            "ranges: expected one input or more, got none; inputs are "
+            f"{', '.join(network.cell.inputs)}"
         )
     return {name: _checked_range(network, name, given) for name, given in ranges.items()}
 
@@ -147,8 +148,8 @@ def _checked_range(network: Network, name: str, given: Any) -> tuple[float, floa
         ) from error
     if not (np.isfinite([low, high]).all() and low < high):
         raise ProblemError(
-            f"ranges[{name}]: the range from {low:g} to {high:g} is empty or not finite; give "
-            "(low, high) with low < high, and leave out inputs that do not change"
+            f"ranges[{name}]: the range from {low:g} to {high:g} is empty or not finite; use "
+            "(low, high) with low < high, and omit constant inputs"
         )
     return low, high
 
@@ -186,5 +187,5 @@ def _checked_samples(network: Network, given: Iterable[Mapping[str, Any]]) -> li
                 raise ProblemError(f"ranges[{number}][{name}]: {value!r} is not finite")
         samples.append(values)
     if len({frozenset(sample) for sample in samples}) != 1:
-        raise ProblemError("ranges: every sample has to name the same inputs, and one at least")
+        raise ProblemError("ranges: expected the same inputs in every sample, at least one")
     return samples

@@ -60,12 +60,12 @@ LONGEST_SEARCH = 20_000
 class Failure(Enum):
     """Reason for which a network does not settle to a certified optimum for an input."""
 
-    OUTSIDE_BASIN = "its optimum attracts, but the start lies outside the basin"
-    PENALTY = "the penalty is too small there: its optimum repels"
-    LOST = "it leaves the domain of a function, or diverges, on the way"
-    NO_POINT = "no settled point was found, with any gains: is it feasible?"
-    NO_OPTIMUM = "it settles to a point that is no certified optimum"
-    SLOW = f"it is on its way, but not there after {LIMIT:g} fastest time constants"
+    OUTSIDE_BASIN = "the initial guess is outside the region of attraction of the optimum"
+    PENALTY = "the penalty is too small: the optimum is unstable"
+    LOST = "leaves the domain of a function, or diverges"
+    NO_POINT = "no settled point was found with any gains (possibly infeasible)"
+    NO_OPTIMUM = "settles at a point that is not a certified optimum"
+    SLOW = f"not settled after {LIMIT:g} tau_min"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,7 +134,7 @@ class Validation:
             f"optimum: {self.share:.1%} ({sure})",
             f"settling               median {self.settling_quantile(0.5):.0f}, 99 of 100 within "
             f"{self.settling_quantile(0.99):.0f}, all within {self.settling_quantile(1.0):.0f} "
-            "fastest time constants",
+            "tau_min (fastest time constant)",
         ]
         for failure, count in Counter(self.failures.values()).most_common():
             number = next(i for i, found in self.failures.items() if found is failure)
@@ -267,7 +267,7 @@ class FamilyDesign:
             [
                 f"family                 {ranges}",
                 f"network                {self.winner}",
-                f"read off               {self.points} settled points",
+                f"settled points         {self.points} settled points",
                 str(self.validation),
             ]
         )
@@ -323,7 +323,7 @@ def design_family(
     1.0
     """
     if held_out < 1:
-        raise DesignError(f"held_out: expected a number of inputs from 1 on, got {held_out!r}")
+        raise DesignError(f"held_out: expected a number of inputs of at least 1, got {held_out!r}")
     family = family_of(problem, synthesize(decompose(problem)), ranges)
     points, penalty_factor = _settled_points(family, seed, progress)
     networks = [
@@ -370,7 +370,7 @@ def _settled_points(
     if not points:
         raise DesignError(
             f"ranges: none of {len(samples)} inputs leads to a settled point "
-            f"({why or described(samples[-1])}); is there a feasible one in these ranges?"
+            f"({why or described(samples[-1])}); check that the ranges contain feasible inputs"
         )
     return points, penalty_factor
 
@@ -397,7 +397,7 @@ def _winner(
                 break
     if best is None:
         raise DesignError(
-            "ranges: no network holds the settled points of these ranges at once; narrow them, or "
-            "allow other kinds of preconditioner"
+            "ranges: no network is stable at all settled points of these ranges; narrow them, "
+            "or allow other preconditioners"
         )
     return best

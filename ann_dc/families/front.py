@@ -176,8 +176,8 @@ def pareto(
     ideal, nadir = payoff.min(axis=0), payoff.max(axis=0)
     if not (nadir > ideal).all():
         raise ProblemError(
-            f"objectives: {problem.name} has a point that is best for all objectives; there is no "
-            "front"
+            f"objectives: {problem.name} has a point that minimises all objectives, so the "
+            "front is a point"
         )
     related = normalised(problem, ideal, nadir)
     network = synthesize(decompose(related))
@@ -202,10 +202,10 @@ def pareto(
 
 def _check(problem: OptimalControlProblem) -> None:
     if not problem.objectives:
-        raise ProblemError(f"objectives: {problem.name} has none; a front is of two at least")
+        raise ProblemError(f"objectives: {problem.name} has none; a front needs two or more")
     if problem.cost != 0 or problem.terminal_cost != 0:
         raise ProblemError(
-            "cost: a front is of objectives alone; make what is common an objective, or part of one"
+            "cost: a front has objectives only; make the cost an objective, or part of one"
         )
 
 
@@ -215,7 +215,7 @@ def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
     count = len(names)
     if isinstance(points, (int, np.integer)) and not isinstance(points, bool):
         if points < 1:
-            raise ProblemError(f"points: expected a number of points from one on, got {points}")
+            raise ProblemError(f"points: expected a number of points of at least 1, got {points}")
         return _division(int(points), count)
     try:
         weights = np.array(points, float)
@@ -229,7 +229,7 @@ def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
     for row in weights:
         weights_of(row.tolist(), problem.objectives)
     if not (weights > 0).all():
-        raise ProblemError("points: weights of a front are positive; leave that objective out")
+        raise ProblemError("points: weights of a front are positive; omit that objective")
     return weights
 
 
@@ -260,8 +260,8 @@ def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.nda
         )
         if not designed.settled:
             raise ProblemError(
-                f"objectives[{name}]: the network does not settle at its least value, so that "
-                "there is no ideal point"
+                f"objectives[{name}]: the network does not settle at its least value, so the "
+                "ideal point is unknown"
             )
         q, u, t, *_ = kkt_point(designed.network, designed.state)
         rows.append(plain.objective_values(np.column_stack([q, t[:, -1]]), u))

@@ -49,8 +49,8 @@ TOLERANCE = 1e-10
 """KKT residual of a separate run, in network units."""
 NAMES = {
     Outcome.SETTLED: "settled, but not certified",
-    Outcome.COMPLETED: "not settled at the end of the duration given",
-    Outcome.NOT_SETTLED: "not settled within the steps given",
+    Outcome.COMPLETED: "not settled at the end of the given duration",
+    Outcome.NOT_SETTLED: "not settled within the given steps",
     Outcome.DIVERGED: "diverged",
     Outcome.LEFT_DOMAIN: "left the domain of a function",
     Outcome.STALLED: "stalled",
@@ -224,7 +224,7 @@ class Multistart:
             f"{self.problem.name} (N = {self.problem.horizon}): {len(self) or 'no'} certified "
             f"{optima} from {counted(len(self.starts), 'starts')}"
         ]
-        lines += ["  objective  starts   share  by the frozen network"] if self.optima else []
+        lines += ["  objective  starts   share  with fixed gains"] if self.optima else []
         lines += [
             f"{o.objective:11.6g} {o.count:7d} {o.share:7.0%} {o.frozen:22d}" for o in self.optima
         ]
@@ -300,7 +300,7 @@ def multistart(
     network = designed.network
     x = np.stack([start_values(network, start) for start in made])
     batch = backend.run_batch(network, {}, x)
-    progress(f"certifying what {int(batch.settled.sum())} of {len(made)} starts settled to")
+    progress(f"certification: {int(batch.settled.sum())} of {len(made)} starts settled")
     hopeful = designed.first.ended is None
     optima, others = _sorted_out(problem, batch, x if hopeful else None, progress)
     return Multistart(
@@ -336,7 +336,7 @@ def _sorted_out(
         if not (batch.settled[sample] and _is_entered(found, problem, batch, sample))
     ]
     for number, sample in enumerate(lost, 1):
-        progress(f"start {sample}: a run of its own, {number} of {len(lost)}")
+        progress(f"start {sample}: separate run, {number} of {len(lost)}")
         own = None if starts is None else _own_run(batch.network.with_start(starts[sample]))
         if own is None or not _is_entered(found, problem, batch, sample, own):
             others[NAMES[batch.outcomes[sample]]] += 1

@@ -71,14 +71,14 @@ class Runner:
     def __str__(self) -> str:
         rule, base = self.gain_rule, GAIN_RULES[self.gain_rule.kind]
         points = "all settled points" if self.shared else "one settled point"
-        rows = f"rows of {rule.equilibration_sweeps} sweeps"
+        rows = f"rows of {rule.equilibration_sweeps} equilibration sweeps"
         if rule.by_reachability:
-            rows = "rows by reach"
+            rows = "reachability weights"
         path = f", path {rule.path_weight:g}" if rule.kind in GRIDS else ""
         return (
-            f"{rule.kind.value} from {points}, {rows}{path}, "
-            f"penalty x {rule.penalty / base.penalty * self.penalty_factor:g}, "
-            f"rates of multipliers x {rule.dual / base.dual:g}"
+            f"{rule.kind.value} from {points}, {rows}{path}, penalty factor "
+            f"{rule.penalty / base.penalty * self.penalty_factor:g}, multiplier rate factor "
+            f"{rule.dual / base.dual:g}"
         )
 
 
@@ -152,7 +152,9 @@ def raced(runners: Sequence[Runner], networks: Sequence[Network], progress: Prog
     for count, through in ROUNDS:
         done = []
         for number, runner in enumerate(left, 1):
-            progress(f"race: {runner.gain_rule.kind.value} {number} of {len(left)}, {count} inputs")
+            progress(
+                f"screening: {runner.gain_rule.kind.value} {number} of {len(left)}, {count} inputs"
+            )
             ahead = networks[len(runner.settling) : count]
             tape = tape_with(networks[0], runner.gains)
             more = [run_sample(network, tape, runner.pace)[0] for network in ahead]

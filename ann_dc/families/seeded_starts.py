@@ -86,7 +86,9 @@ def checked_starts(
     """
     starts = list(starts)
     if not starts:
-        raise ProblemError("starts: the list is empty; give a number, or one InitialGuess or more")
+        raise ProblemError(
+            "starts: expected a number, or one InitialGuess or more, got an empty list"
+        )
     for index, start in enumerate(starts):
         name = f"starts[{index}]"
         if not isinstance(start, InitialGuess):
@@ -117,8 +119,8 @@ def _check_arrays(problem: OptimalControlProblem, start: InitialGuess, name: str
         if not np.isfinite(array).all():
             row, stage = np.argwhere(~np.isfinite(array))[0]
             raise ProblemError(
-                f"{name}.{field}: {array[row, stage]} in row {row} at stage {stage}; every number "
-                "of a start has to be finite"
+                f"{name}.{field}: {array[row, stage]} in row {row} at stage {stage}; expected "
+                "finite numbers"
             )
 
 
@@ -128,5 +130,5 @@ def _whole(name: str, value: object, *, least: int) -> int:
     except TypeError:
         number = least - 1
     if isinstance(value, bool) or number < least:
-        raise ProblemError(f"{name}: expected a whole number from {least} on, got {value!r}")
+        raise ProblemError(f"{name}: expected a whole number of at least {least}, got {value!r}")
     return number

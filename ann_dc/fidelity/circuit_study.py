@@ -298,9 +298,9 @@ class CircuitStudy:
         elif found is None:
             return ""  # unknown
         elif not found.stable:
-            return "its settled point is predicted to repel"
+            return "the equilibrium is predicted to be unstable"
         elif found.other_equilibrium:
-            return f"nothing says that it gets there: {found.other_equilibrium}"
+            return f"the optimum is predicted to be missed: {found.other_equilibrium}"
         else:
             error = found.control_error
         return self._excess(error, verb)
@@ -312,15 +312,15 @@ class CircuitStudy:
         larger = "a larger full scale, " if self.raise_full_scale else ""
         if error < NEAR:
             return (
-                f"noise of {self.noise:.1%} rms of {self.size} is on its {self.terms}, beside "
-                f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
-                f"{larger}or the mean of many readings"
+                f"rms noise of the {self.terms} {self.noise:.1%} and error {error:.2g}, relative "
+                f"to {self.size}, together exceed {NEAR:.0%}; use smaller resistors, "
+                f"{larger}or the mean of several readings"
             )
-        means = f"take better parts, {larger}or a slower network"
+        means = f"use better parts, {larger}or a slower network"
         if (off := self.series_rounding.get("resistor", 0.0)) > NEAR / 10:
-            means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
-        far = f"{error:.1%} of {self.size}, above {NEAR:.0%}"
-        return f"the error of its {self.terms} {verb} {far}: {means}"
+            means = f"rounded resistors deviate by up to {off:.1%}; use pairs, or exact values"
+        far = f"{error:.1%} relative to {self.size}, which exceeds {NEAR:.0%}"
+        return f"the error of the {self.terms} {verb} {far}; {means}"
 
 
 @checked
@@ -392,7 +392,7 @@ def study_circuit(
     noise = control_noise(nominal) if quiet else float("nan")
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
-    backend.progress("demand of the preconditioner")
+    backend.progress("wire requirements of the preconditioner")
     demand, undemanded = _demand(circuit.schematic.network, probe.final)
     return CircuitStudy(
         circuit=circuit,
@@ -425,10 +425,7 @@ def _check_settled(probe: Trajectory, **requested: int) -> None:
     """Raise `NetworkError` for an analysis of the settled point if the network has none."""
     for name, count in requested.items():
         if count and not settles(probe):
-            raise NetworkError(
-                f"{name}: expected a network that settles for {ANALYSES[name]}, got one that does "
-                "not; leave it out"
-            )
+            raise NetworkError(f"{name}: {ANALYSES[name]} needs a network that settles; omit it")
 
 
 def _series_rounding(circuit: Circuit, off: Deviations) -> dict[str, float]:
@@ -447,7 +444,10 @@ def _demand(network: Network, x: np.ndarray) -> tuple[PreconditionerDemand | Non
     if network.preconditioner.kind is PreconditionerKind.DIAGONAL:
         return None, ""
     if network.size > DENSE_LIMIT:
-        return None, f"with {network.size} neurons, above {DENSE_LIMIT}, all modes take too long"
+        return None, (
+            f"with {network.size} neurons, above {DENSE_LIMIT}, the computation of all modes "
+            "takes too long"
+        )
     try:
         return preconditioner_demand(network, x), ""
     except NetworkError as error:
@@ -461,7 +461,7 @@ def _run(backend: SpiceBackend, built: CircuitInstance, deck: Deck) -> CircuitRu
     run = backend.measure(built.circuit, deck, built.probe)
     if not settling:
         return run
-    backend.progress("ngspice, finer steps up to where it settles")
+    backend.progress("ngspice with finer steps until the settling time")
     return run.timed
 
 

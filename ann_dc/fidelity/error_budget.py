@@ -111,7 +111,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     known = tuple(p for p in emulation.circuit.parameters if p.name in emulation.slopes)
     if not any(parameter.kind is Kind.RESISTOR for parameter in known):
         raise NetworkError(
-            "sensitivity: known for op amps with resistors; take a macro level or parts by name"
+            "sensitivity: available for op amps with resistors; use a macro level or parts by name"
         )
     controls = emulation.outputs
     peaks = emulation.circuit.scaling.peaks

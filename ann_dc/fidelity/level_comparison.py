@@ -57,8 +57,8 @@ class Group(enum.Enum):
     """Group of a level in the comparison."""
 
     DIGITAL = "computed digitally"
-    LEVEL = "a level of fidelity"
-    ALONE = "one defect alone"
+    LEVEL = "model level"
+    ALONE = "one non-ideality"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,17 +132,17 @@ def _alone(level: Level, seed: int) -> Iterator[ComparedLevel]:
     }
     plain = Datasheet(a0=1e8, gbw=datasheet.gbw, tolerances=Tolerances())
     alone = ComparedLevel(
-        name="E96 resistors alone",
+        name="E96 resistors only",
         group=Group.ALONE,
         level=replace(level, name="macro", datasheet=plain),
     )
     for name, fields in figures.items():
         parts = replace(plain, **{field: getattr(datasheet, field) for field in fields})
-        yield replace(alone, name=f"{name} alone", level=replace(alone.level, datasheet=parts))
+        yield replace(alone, name=f"{name} only", level=replace(alone.level, datasheet=parts))
     for name, field in errors.items():
         parts = replace(plain, tolerances=Tolerances(**{field: getattr(tolerances, field)}))
         lone = replace(alone.level, datasheet=parts)
-        yield replace(alone, name=f"{name} alone", level=lone, seed=seed)
+        yield replace(alone, name=f"{name} only", level=lone, seed=seed)
     yield replace(alone, series=E96)
 
 
@@ -355,7 +355,7 @@ def _predicted(
     except NetworkError as error:
         return replace(done, why=str(error))
     if not found.stable:
-        return replace(done, why="the pole model says that it oscillates")
+        return replace(done, why="the pole model predicts oscillation")
     return replace(
         done, predicted_error=found.control_error, predicted_settling=found.settling_time
     )

@@ -75,10 +75,10 @@ class Prediction:
         return self.spectrum.abscissa < 0
 
 
-REPELS = "its settled point repels"
+REPELS = "its equilibrium is unstable"
 """Reason for which a circuit that oscillates has no predicted settling time."""
 
-CLOCKED = "between periods it is no network in continuous time; run the recurrent layer"
+CLOCKED = "it is not a network in continuous time; use the recurrent layer"
 """Reason for which a clocked circuit has no predicted settling time."""
 
 
@@ -87,7 +87,7 @@ class Reason(enum.Enum):
 
     LEVEL = "the level has no emulation"
     NO_EQUILIBRIUM = "the circuit has no equilibrium near the ideal one"
-    CLIPPED = "the circuit settles at its rails"
+    CLIPPED = "the circuit settles at its output limits"
     LOST = "the emulation cannot be run for the duration"
 
 
@@ -213,7 +213,10 @@ def other_equilibrium_of(instance: CircuitInstance, run: Run) -> str:
     off = np.abs(found - wanted).max() / size_of(wanted, instance.probe.control_reach)
     if run.status.settled and off > ELSEWHERE:
         size = instance.probe.size_in_words
-        return f"its transient settles elsewhere, a control off by {off:.2g} of {size}"
+        return (
+            f"its transient settles at another equilibrium, with a control error of {off:.2g} "
+            f"of {size}"
+        )
     return ""
 
 
@@ -222,7 +225,9 @@ def not_emulated(instance: CircuitInstance) -> Unpredicted | None:
     level = instance.level
     sentence = f"{level.name} circuits are not emulated"
     if level.emulated and level.transistors and level.conditions != NOMINAL:
-        sentence = f"{level.name} circuits are emulated in a room only, at nominal supplies"
+        sentence = (
+            f"{level.name} circuits are emulated at room temperature and nominal supplies only"
+        )
     elif level.emulated or level.technology.clocked:
         return None
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
@@ -262,7 +267,7 @@ def clipping_of(instance: CircuitInstance, emulation: Emulation, x: np.ndarray) 
     }
     names = ", ".join(f"{name} of cell {stage}" for name, stage in [*limits][:NAMED])
     more = f" and {len(limits) - NAMED} more" if len(limits) > NAMED else ""
-    sentence = f"parts of the settled circuit stand at their rails: {names}{more}; "
+    sentence = f"parts of the settled circuit are at their output limits: {names}{more}; "
     return Unpredicted(reason=Reason.CLIPPED, sentence=sentence + _cure(instance, limits))
 
 
@@ -273,17 +278,20 @@ def _cure(instance: CircuitInstance, limits: Mapping[tuple[str, int], float]) ->
     free = replace(instance, level=replace(level, datasheet=endless))
     run = transient_of(free)
     if not run.status.settled:
-        return f"no headroom would do: without rails, its transient {run.status}"
+        return f"more headroom does not help: without output limits, its transient {run.status}"
     network, final = free.moving.network, free.moving.network.unpack(run.trajectory.final)
     share = max(
         abs(final[network.neuron_index[name], stage]) / rail
         for (name, stage), rail in limits.items()
     )
     if share <= 1:
-        return "without rails it settles within them: they caught it on its way; start elsewhere"
+        return (
+            "without output limits it settles within them: the limits act during the "
+            "transient; use another initial guess"
+        )
     return (
-        f"give it more headroom or a smaller full scale: {1.1 * share:.2g} times as much "
-        "room would do"
+        f"use more headroom or a smaller full scale: {1.1 * share:.2g} times the headroom is "
+        "sufficient"
     )
 
 

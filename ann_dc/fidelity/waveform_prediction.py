@@ -103,7 +103,9 @@ def _not_run(instance: CircuitInstance) -> Unpredicted | None:
     if instance.level.technology.clocked:
         sentence = CLOCKED
     elif waveforms:
-        sentence = f"inputs {', '.join(waveforms)} change over time, which the emulation does not"
+        sentence = (
+            f"inputs {', '.join(waveforms)} change over time, which the emulation does not support"
+        )
     elif (size := instance.emulation.network.size) > LARGEST:
         sentence = f"{size} neurons are more than {LARGEST}"
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence) if sentence else None

@@ -57,9 +57,9 @@ class PreconditionerDemand:
         lag = f"{self.lag:.1e}" if self.lag else f"less than {SMALLEST:.0e}"
         error = f"{self.error:.2g}" if self.error else f"less than {SMALLEST:.0e}"
         return (
-            f"the {self.kind} demands that its nodes follow within {lag} of the fastest time "
-            f"constant, and weights within {error} of theirs (rms, worst of {self.draws} draws): "
-            "more than either doubles the settling time, or ends in oscillation"
+            f"the {self.kind} requires that its nodes follow within {lag} of the fastest time "
+            f"constant, and weights within {error} of their values (rms, worst of {self.draws} "
+            "draws); larger values double the settling time or cause oscillation"
         )
 
 
@@ -81,7 +81,9 @@ def preconditioner_demand(
     errors = rng.standard_normal((draws, parts))[:, part]
     ideal = np.linalg.eigvals(flow.with_weights(wiring.weights.data))
     if not ideal.real.max() < 0:
-        raise NetworkError("preconditioner_demand: the settled point does not attract; see analyse")
+        raise NetworkError(
+            "preconditioner_demand: the settled point is unstable; see ann_dc.diagnose"
+        )
     allowed, radius = ideal.real.max() / WORSE, np.abs(ideal).max()
 
     def decays(jacobian: np.ndarray) -> bool:

@@ -222,7 +222,7 @@ class Choice:
             for gain_rule in gain_rules(kind):
                 candidate = candidate_of(settled, gain_rule, self.first.penalty_factor)
                 if np.isfinite(candidate.ratio):
-                    self.progress(f"freeze: another {kind.value}")
+                    self.progress(f"candidates: another {kind.value}")
                     tried = with_trial_run(
                         settled, candidate, progress=self.progress, patience=patience
                     )

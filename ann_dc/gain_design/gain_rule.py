@@ -237,13 +237,13 @@ class GainRule:
         require_positive(DesignError, **factors)
         if not (isinstance(self.equilibration_sweeps, int) and self.equilibration_sweeps >= 0):
             raise DesignError(
-                "equilibration_sweeps: expected a whole number from zero on, got "
+                "equilibration_sweeps: expected a whole number of at least 0, got "
                 f"{self.equilibration_sweeps!r}"
             )
         for name in ("path_weight", "linearisation_radius"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise DesignError(
-                    f"{name}: expected a number from zero on, got {getattr(self, name)!r}"
+                    f"{name}: expected a number of at least 0, got {getattr(self, name)!r}"
                 )
 
 

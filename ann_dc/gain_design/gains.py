@@ -151,7 +151,7 @@ def check_gains(network: Network, gains: Gains) -> None:
     if not (np.isfinite(gains.rho).all() and np.isfinite(gains.rate).all()):
         raise DesignError("gains: rho or rate holds a value that is not finite")
     if not (gains.rate > 0).all():
-        raise DesignError("gains: a rate is not positive, so that it is no time constant")
+        raise DesignError("gains: expected positive rates, got one that is not")
 
 
 @checked

@@ -178,7 +178,7 @@ def grid_gains_of(
     if not common > -low:
         raise DesignError(
             f"{network.title}: a {gain_rule.kind.value} needs penalties above rho* = {-low:.3g} "
-            f"times the row weights, got {common:.3g}; give a gain rule with penalty > "
+            f"times the row weights, got {common:.3g}; use a gain rule with penalty > "
             f"{-low / common * gain_rule.penalty:.3g} instead of {gain_rule.penalty:g}"
         )
     rho = common * weights
@@ -232,8 +232,8 @@ def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[
         except (np.linalg.LinAlgError, RuntimeError) as error:
             if not settled.saturated.any():
                 raise DesignError(
-                    f"{points[0].network.title}: the settled point is not isolated (its KKT matrix "
-                    "is singular), so a resistive grid has no stiffness; use a multilevel "
+                    f"{points[0].network.title}: the settled point is not isolated (its KKT "
+                    "matrix is singular), so a resistive grid is not defined; use a multilevel "
                     "preconditioner"
                 ) from error
             ends.append((0.0, 0.0))
@@ -247,7 +247,7 @@ def _check(network: Network, kind: PreconditionerKind) -> None:
     if (tape.roles == STATE).any() or network.cell.objectives:
         raise DesignError(
             f"{network.title}: has neurons that are neither primal nor dual, for which a "
-            f"{kind.value} has no stiffness; use a multilevel preconditioner"
+            f"{kind.value} is not defined; use a multilevel preconditioner"
         )
 
 
@@ -273,7 +273,7 @@ def stiffness_of(
     neuron = np.searchsorted(row.primal, place[live, 0])
     stage = place[live, 1]
     if (np.abs(stage[i] - stage[j]) > 1).any():
-        raise DesignError(f"{network.title}: the cost couples stages that are no neighbours")
+        raise DesignError(f"{network.title}: the cost couples stages that are not neighbours")
     m = len(row.primal)
     own = np.zeros((row.stages, m, m))
     following = np.zeros((row.stages - 1, m, m))

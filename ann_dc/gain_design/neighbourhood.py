@@ -37,7 +37,9 @@ class Neighbourhood:
         for what, found in (("starts", self.starts), ("initial states", self.inputs)):
             counts = " and ".join(f"{n} of {SAMPLES} at {share:.0%}" for share, n in found)
             reported += (
-                [f"{what} off by a share of the path's range: {counts} settle"] if found else []
+                [f"{what} perturbed by a fraction of the range of the trajectory: {counts} settle"]
+                if found
+                else []
             )
         return "; ".join(reported)
 

@@ -121,7 +121,7 @@ class Design:
     @property
     def reason(self) -> str:
         """Results of the chosen candidate and of the best candidate of every other kind."""
-        unsettled = "" if self.first.settled else "no optimum to read a grid off; "
+        unsettled = "" if self.first.settled else "no settled point for a grid; "
         others = (
             min(found, key=lambda candidate: candidate.rank)
             for kind in GAIN_RULES
@@ -152,27 +152,28 @@ class Design:
         abscissa = self.spectrum.abscissa
         return float(np.log(1 / tolerance) / -abscissa) if abscissa < 0 else float("inf")
 
-    def __str__(self) -> str:
-        duals = {
-            d.neuron: self.gains.rho[self.network.neuron_index[d.neuron]]
-            for d in self.network.cell.duals
-        }
+    @property
+    def rows(self) -> dict[str, str]:
+        """Names and values of the report: result, settling time, comparison and gains."""
+        index = self.network.neuron_index
+        rho = [self.gains.rho[index[dual.neuron]] for dual in self.network.cell.duals]
         predicted = self.predicted_settling()
         ended = f": {self.first.ended}" if self.first.ended else ""
-        return "\n".join(
-            [
-                f"first run      {_ending(self.first)}{ended}",
-                f"selected       {self.best}",
-                *([f"starts from    {self.start}"] if self.start else []),
-                f"reason         {self.reason}",
-                f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
-                f"(rho* = {self.rho_star:.3g})",
-                f"spectrum       radius {self.spectrum.radius:.3g}, "
-                f"abscissa {self.spectrum.abscissa:.3g}",
-                f"predicted      settling to 1e-6 in {predicted * self.spectrum.radius:.0f} "
-                f"tau_min (fastest time constant) = {predicted:.3g} unit time constants",
-            ]
-        )
+        return {
+            "scheduled run": f"{_ending(self.first)}{ended}",
+            "settling time": f"{predicted * self.spectrum.radius:.0f} tau_min predicted to 1e-6 "
+            f"(tau_min: fastest time constant), {predicted:.3g} unit time constants",
+            "selected": str(self.best),
+            **({"initial state": self.start} if self.start else {}),
+            "comparison": self.reason,
+            "penalty rho": f"{' to '.join(dict.fromkeys((f'{min(rho):.3g}', f'{max(rho):.3g}')))} "
+            f"(threshold rho* = {self.rho_star:.3g})",
+            "spectrum": f"radius {self.spectrum.radius:.3g}, abscissa "
+            f"{self.spectrum.abscissa:.3g} (per unit time constant)",
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name:15}{value}" for name, value in self.rows.items())
 
 
 def _ending(first: ScheduledRun) -> str:
@@ -203,8 +204,8 @@ def design(
     """
     if not network.cell.duals:
         raise DesignError(
-            "design: this network has no PI dual neurons, so there is no rho to "
-            "choose; set the time constants of its neurons by hand"
+            "design: the network has no PI dual neurons, so a penalty rho is not defined; set "
+            "the time constants of its neurons manually"
         )
     allowed = _wirable(
         network, _allowed(preconditioner) if gain_rule is None else (gain_rule.kind,)
@@ -250,7 +251,7 @@ def _allowed(kinds: Kinds) -> tuple[PreconditionerKind, ...]:
     strange = [kind for kind in given if not isinstance(kind, PreconditionerKind)]
     if strange or not given:
         raise DesignError(
-            f"preconditioner: expected some of {', '.join(map(str, PreconditionerKind))}, "
+            f"preconditioner: expected one or more of {', '.join(map(str, PreconditionerKind))}, "
             f"got {given!r}"
         )
     return tuple(kind for kind in GAIN_RULES if kind in given)
@@ -266,7 +267,7 @@ def _wirable(
     if not found:
         raise DesignError(
             "preconditioner: a resistive grid or cyclic reduction couples neighbours, and "
-            "objectives act on the whole row; "
+            "objectives act on all stages; "
             "allow PreconditionerKind.MULTILEVEL or PreconditionerKind.DIAGONAL"
         )
     return found
@@ -275,12 +276,12 @@ def _wirable(
 def _verdict(candidate: Candidate) -> str:
     """Return the trial result of a candidate, as text."""
     if candidate.settling < np.inf:
-        outcome = f"settles in {candidate.settling:.0f} fastest time constants"
+        outcome = f"settles in {candidate.settling:.0f} tau_min"
     elif candidate.settling == np.inf:
-        outcome = "does not settle from the start, or later"
+        outcome = "does not settle from the initial guess, or later"
     else:
-        outcome = "is too slow to rehearse" if np.isfinite(candidate.ratio) else "repels"
-    return f"{candidate.kind.value} {outcome} (ratio {candidate.ratio:.3g})"
+        outcome = "has no trial run" if np.isfinite(candidate.ratio) else "is unstable"
+    return f"{candidate.kind.value} {outcome} (stiffness ratio {candidate.ratio:.3g})"
 
 
 def _frozen(

@@ -83,13 +83,13 @@ def refined(
     began, network, state = clock.process_time(), settled.network, settled.state
     if network.size > DENSE_LIMIT:
         progress(
-            f"refine: left as it is, {network.size} neurons are more than the {DENSE_LIMIT} whose "
-            "eigenvectors are computed"
+            f"refine: omitted, {network.size} neurons exceed the limit {DENSE_LIMIT} for the "
+            "computation of eigenvectors"
         )
         return best
     around = Variation.of(network, state, best.gains, freedom, objective)
     if not np.isfinite(around.flow.slowness(around.gains, objective)):
-        progress("refine: left as it is, the candidate repels")
+        progress("refine: omitted, the candidate is unstable")
         return best
     x = _Search(around, began, seconds, progress).best
     for share in _WAYS_BACK:
@@ -100,7 +100,7 @@ def refined(
         better = with_trial_run(settled, replace(best, gains=gains, spectrum=modes))
         if better.settling < np.inf:
             return better
-    progress("refine: nothing better settles from the start")
+    progress("refine: no better candidate settles from the initial guess")
     return best
 
 

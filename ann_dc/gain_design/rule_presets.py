@@ -26,7 +26,7 @@ KNOTS = 6, 12, 24, 48, 96
 """Numbers of stages of the found path in coarse presets."""
 LEAST = 12, 24, 48, 240, 480
 """Horizons above which each coarse preset is tried; longer arrays are stiffer."""
-COARSE = tuple(f"{knots} stages of the found path" for knots in KNOTS)
+COARSE = tuple(f"{knots} stages of the known trajectory" for knots in KNOTS)
 """Descriptions of the coarse presets."""
 NEARBY = 0.05
 """Distance of the nearest preset from the optimum, relative to the network's initial guess."""
@@ -50,7 +50,7 @@ def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
     for knots, least, words in zip(KNOTS, LEAST, COARSE):
         if network.stages > least:
             yield Preset(words, network.pack(_coarse(path, knots)))
-    yield Preset("the found path", network.pack(path))
+    yield Preset("the known trajectory", network.pack(path))
     near = state + NEARBY * (network.start_state - state)
     yield Preset("a state near the optimum", near)
 

@@ -92,7 +92,7 @@ class ScheduledRun:
     found_by: str = ""
 
 
-@phase("first run")
+@phase("gain-scheduled run")
 def first_run(
     network: Network,
     gain_rule: GainRule,
@@ -155,7 +155,7 @@ class _Schedule:
                 ask = self.knowledge.finder
                 found_by = self._found_by(ask, progress) if outcome == LOST or late else ""
                 progress(
-                    f"first run: step {self.steps}, KKT residual {last:.1e}, "
+                    f"gain-scheduled run: step {self.steps}, KKT residual {last:.1e}, "
                     f"penalty x {self.penalty_factor:g}"
                 )
             if outcome == SETTLED and saddle_of(self.network, self.x).is_minimum:

@@ -35,6 +35,7 @@ from ann_dc.gain_design.grid_gains import SettledPoint, grid_gains_of
 from ann_dc.gain_design.penalty_search import downhill
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Paced, Progress, Stopped, silent
+from ann_dc.si_prefixes import counted
 from ann_dc.timing import phase
 
 PATHS = (0.3, 1.0, 0.1, 0.03)
@@ -99,17 +100,17 @@ class Candidate:
         return float(f"{settling:.6g}"), float(f"{self.ratio:.6g}")
 
     def __str__(self) -> str:
-        start = "rows by reach" if self.gain_rule.by_reachability else "equal rows"
+        start = "reachability" if self.gain_rule.by_reachability else "equal"
         rows = (
-            f"rows of {self.gain_rule.equilibration_sweeps} sweeps"
+            counted(self.gain_rule.equilibration_sweeps, "equilibration sweeps")
             if self.gain_rule.equilibration_sweeps
-            else start
+            else f"{start} row weights"
         )
-        path = f", path {self.gain_rule.path_weight:g}" if self.kind.is_stiffness else ""
+        path = f", path weight {self.gain_rule.path_weight:g}" if self.kind.is_stiffness else ""
         if self.gain_rule.inequality != 1:
-            rows += f", inequalities x {self.gain_rule.inequality:g}"
-        penalty = f"penalty x {self.penalty_factor:g}"
-        return f"{self.kind.value}, {rows}{path}, {penalty}: ratio {self.ratio:.3g}"
+            rows += f", inequality factor {self.gain_rule.inequality:g}"
+        penalty = f"penalty factor {self.penalty_factor:g}"
+        return f"{self.kind.value}, {rows}{path}, {penalty}: stiffness ratio {self.ratio:.3g}"
 
 
 def gains_of(points: Sequence[SettledPoint], gain_rule: GainRule, penalty_factor: float) -> Gains:
@@ -255,7 +256,7 @@ class _Tried:
 
     def ratio(self, gain_rule: GainRule, penalty_factor: float) -> float:
         """Evaluate one more candidate and return its stiffness ratio, infinite on failure."""
-        self.progress(f"freeze: spectrum {len(self.candidates) + 1} of a {self.kind.value}")
+        self.progress(f"candidates: spectrum {len(self.candidates) + 1} of a {self.kind.value}")
         try:
             found = candidate_of(self.settled, gain_rule, penalty_factor, self.progress)
         except Stopped:
@@ -390,7 +391,7 @@ def run_with_constants(
         step = pace.step / stiffer
         done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=tolerance)
         elapsed, steps = elapsed + done * step * pace.radius, steps + CHUNK
-        reported(lambda: f"freeze: rehearsed {elapsed:.0f} fastest time constants")  # noqa: B023
+        reported(lambda: f"trial run: after {elapsed:.0f} tau_min")  # noqa: B023
     return elapsed, outcome
 
 
@@ -415,7 +416,7 @@ def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
     )
 
 
-@phase("rehearsals")
+@phase("trial runs")
 def with_trial_runs(
     settled: SettledPoint,
     candidates: Iterable[Candidate],
@@ -441,7 +442,7 @@ def with_trial_runs(
         has_failed = failures.get(own, 0) >= patience.failures
         hopeless = is_long or has_failed or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:
-            progress(f"freeze: rehearsal {number}")
+            progress(f"trial run: candidate {number}")
             candidate = with_trial_run(settled, candidate, fastest, progress, patience)
             take(candidate)
             if candidate.settling == fastest == np.inf:

@@ -50,10 +50,11 @@ def check_limits(network: Network, parts: str) -> None:
     coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
     if coupled:
         raise ExportError(
-            f"{network.title}: its {network.preconditioner.kind.value} couples neurons with rails "
-            f"({', '.join(coupled)}), which {parts} hold one by one; design it with "
-            "preconditioner=PreconditionerKind.DIAGONAL (--preconditioner diagonal), or take "
-            "dataclasses.replace(network, preconditioner=Diagonal())"
+            f"{network.title}: its {network.preconditioner.kind.value} couples neurons with "
+            f"saturation limits ({', '.join(coupled)}), which {parts} support for uncoupled "
+            "neurons only; design the network with preconditioner=PreconditionerKind.DIAGONAL "
+            "(--preconditioner diagonal), or use dataclasses.replace(network, "
+            "preconditioner=Diagonal())"
         )
 
 
@@ -111,7 +112,7 @@ class _Writer:
     def drives(self) -> None:
         """Append the net inputs of all neurons; a shared neuron sums over all cells."""
         network, shared = self.network, set(self.network.shared.tolist())
-        rows = [self.listing.row(f"drive of {neuron.name}") for neuron in network.cell.neurons]
+        rows = [self.listing.row(f"net input of {neuron.name}") for neuron in network.cell.neurons]
         for place, (neuron, stage) in enumerate(network.places.tolist()):
             self.drive_words[neuron, stage] = word = self.listing.word(rows[neuron])
             cells = range(network.stages) if neuron in shared else (stage,)

@@ -88,19 +88,22 @@ class ClosedLoopRun:
 
     def __str__(self) -> str:
         periods, after = len(self.clearance), self.dt * len(self.clearance)
-        gave_up = "gave up, held by the safety filter" if self.held else "gave up"
+        gave_up = "not reached, stopped by the safety filter" if self.held else "goal not reached"
         end = "collided" if self.collided else "reached the goal" if self.arrived else gave_up
         rows = [
-            f"{self.world.name}: {end} after {after:.1f} s, least room {self.clearance.min():.3g}"
+            f"{self.world.name}: {end} after {after:.1f} s, smallest clearance "
+            f"{self.clearance.min():.3g}"
         ]
-        rows.append(f"way {self.length:.2f}, effort {self.effort:.2f}, {periods} control periods")
+        rows.append(
+            f"path length {self.length:.2f}, effort {self.effort:.2f}, {periods} control periods"
+        )
         if self.shielded.any():
-            rows.append(f"the safety filter stepped in {self.shielded.sum()} times")
+            rows.append(f"safety filter active {self.shielded.sum()} times")
         if self.spent.any():
             settled = (self.residuals < SETTLED).mean()
             rows.append(
-                f"plans settled to {SETTLED:g}: {settled:.0%}; fastest time constants a period: "
-                f"median {np.median(self.spent):.0f}, longest {self.spent.max():.0f}"
+                f"plans settled to {SETTLED:g}: {settled:.0%}; network time per period "
+                f"(tau_min): median {np.median(self.spent):.0f}, longest {self.spent.max():.0f}"
             )
         return "\n".join(rows)
 
@@ -143,7 +146,7 @@ def drive(
     driver, dt = planner.begin(), planner.dt
     loops = [_Loop(world, number, dt, substeps) for number, world in enumerate(worlds)]
     while running := [loop for loop in loops if loop.runs]:
-        progress(f"{running[0].time:.1f} s: {len(running)} of {len(loops)} on their way")
+        progress(f"{running[0].time:.1f} s: {len(running)} of {len(loops)} still running")
         situations = [loop.situation() for loop in running]
         for loop, situation, plan in zip(running, situations, driver.plan(situations)):
             instead = None if safety_filter is None else safety_filter.instead(situation, plan, dt)

@@ -110,9 +110,9 @@ class NetworkPlanner:
         needed = BANDWIDTH * taken / (SHARE * 1e-3)
         return (
             f"{self.network.size} neurons in {counted(stages, 'cells')}, {', '.join(counts)}; "
-            f"{self.budget:g} fastest time constants a period: {1e6 * taken:.3g} us with op amps "
-            f"of {megahertz:g} MHz, {taken / self.dt:.2%} of the control period; a period of "
-            f"1 ms needs {needed / 1e6:.3g} MHz"
+            f"{self.budget:g} tau_min per period: {1e6 * taken:.3g} us with op amps of "
+            f"{megahertz:g} MHz, {taken / self.dt:.2%} of the control period; a period of 1 ms "
+            f"needs {needed / 1e6:.3g} MHz"
         )
 
 

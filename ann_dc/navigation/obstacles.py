@@ -140,7 +140,7 @@ def polygon(
     try:
         hull = points[ConvexHull(points).vertices]
     except QhullError:
-        raise ScenarioError("corners: they lie on one line; a polygon has an inside") from None
+        raise ScenarioError("corners: expected a polygon, got points on one line") from None
     if len(hull) < len(points):
         raise ScenarioError(
             f"corners: the polygon is not convex: its hull has {len(hull)} of {len(points)} "

@@ -117,7 +117,8 @@ def design_planner(
     """
     if not np.isfinite(soft.weight):
         raise DesignError(
-            f"soft: a robot between two obstacles needs a finite weight, got {soft.weight!r}"
+            "soft: expected a finite weight (for a robot between two obstacles), got "
+            f"{soft.weight!r}"
         )
     reach = float(robot.limits[0, 1]) * horizon * dt
     planning = planning_problem(
@@ -153,7 +154,7 @@ def planner_for(
             planners += _by_gain_rule(planner, contacts)
             planner = _best(planners, contacts, progress)
     if not contacts:
-        raise DesignError("robot: it touched nothing in the worlds of its design")
+        raise DesignError("robot: no contact with an obstacle in the scenarios of the design")
     return planner
 
 

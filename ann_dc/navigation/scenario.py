@@ -86,8 +86,8 @@ class Scenario:
                 gap = obstacle.near(place[None], np.zeros(1)).distance[0] - self.robot.radius
                 if is_checked and obstacle.appears <= 0.0 and gap < 0.0:
                     raise ScenarioError(
-                        f"{field}: the robot (radius {self.robot.radius:g}) would stand {-gap:.3g} "
-                        f"deep in obstacles[{number}]; move one of them"
+                        f"{field}: the robot (radius {self.robot.radius:g}) overlaps by "
+                        f"{-gap:.3g} with obstacles[{number}]; move one of them"
                     )
 
     def sensed(self, place: np.ndarray, time: float) -> list[int]:

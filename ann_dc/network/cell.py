@@ -303,7 +303,7 @@ def check_text(what: str, text: str) -> None:
         text.encode()
     except UnicodeEncodeError as error:
         raise NetworkError(
-            f"{what}: {text!r:.60} has a lone surrogate at {error.start}; give a text"
+            f"{what}: {text!r:.60} has a lone surrogate at {error.start}; use valid text"
         ) from error
 
 
@@ -316,7 +316,7 @@ def per_stage(name: str, value, stages: int) -> np.ndarray:
         array = np.array(np.broadcast_to(np.asarray(value, float), (stages,)))
     except (TypeError, ValueError) as error:
         raise NetworkError(
-            f"{name}: expected one number or {stages} of them, one a stage, got {value!r}"
+            f"{name}: expected one number or {stages} values, one per stage, got {value!r}"
         ) from error
     if not np.isfinite(array).all():
         raise NetworkError(f"{name}: {value!r} is not finite")
@@ -332,7 +332,7 @@ def _check_names(cell: Cell) -> None:
     uses = Counter(name.lower() for name in _nodes(cell))
     repeated = [name for name, count in uses.items() if count > 1]
     if repeated:
-        raise NetworkError(f"names used twice (case does not count): {', '.join(repeated)}")
+        raise NetworkError(f"duplicate names (case is ignored): {', '.join(repeated)}")
 
 
 def _check_scale(name: str, scale: Scale) -> None:
@@ -348,7 +348,7 @@ def _check_neuron(neuron: Neuron, stages: int) -> None:
     _check_scale(neuron.name, neuron.scale)
     if not neuron.limiter.low < neuron.limiter.high:
         raise NetworkError(
-            f"{neuron.name}: rails {neuron.limiter.low!r} .. {neuron.limiter.high!r} leave no room"
+            f"{neuron.name}: limits {neuron.limiter.low!r} .. {neuron.limiter.high!r} are empty"
         )
 
 
@@ -370,7 +370,7 @@ def _check_connections(cell: Cell, stages: int) -> None:
     uses = Counter(connection.name for connection in cell.connections)
     repeated = [name for name, count in uses.items() if count > 1]
     if repeated:
-        raise NetworkError(f"connections given twice: {', '.join(repeated)}; add up their weights")
+        raise NetworkError(f"duplicate connections: {', '.join(repeated)}; add up their weights")
 
 
 def _check_shared(cell: Cell) -> None:
@@ -379,8 +379,7 @@ def _check_shared(cell: Cell) -> None:
     for connection in cell.connections:
         if connection.template != Template.SELF and {connection.source, connection.target} & shared:
             raise NetworkError(
-                f"{connection.name}: all cells share this neuron; read it, and drive it, in the "
-                "cell itself"
+                f"{connection.name}: the neuron is shared by all cells; connect it within the cell"
             )
     in_chains = shared & {name for chain in cell.chains for name in chain}
     if in_chains:
@@ -465,7 +464,7 @@ def check_places(
         if end.neuron not in neurons or not 0 <= end.stage < stages:
             raise NetworkError(f"{end}: no such neuron or stage")
         if end.neuron in shared:
-            raise NetworkError(f"{end}: all cells share this neuron")
+            raise NetworkError(f"{end}: the neuron is shared by all cells")
     for source in read:
         if source not in cell.inputs:
             raise NetworkError(f"fixed, left_boundary: {source!r} is not an input of the cell")

@@ -121,7 +121,7 @@ class _Trace:
 
     def __getattr__(self, name: str) -> Callable[[Any], _Traced]:
         if name not in ELEMENTARY:
-            raise AttributeError(f"{name!r} is none of {', '.join(ELEMENTARY)}, where")
+            raise AttributeError(f"{name!r} is not one of {', '.join(ELEMENTARY)}, where")
         return lambda x: _applied(ELEMENTARY[name], x)
 
 

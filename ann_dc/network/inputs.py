@@ -38,7 +38,7 @@ def input_batch(network: Network, inputs: Mapping[str, Any]) -> dict[str, np.nda
     sizes = {name: len(array) for name, array in arrays.items() if array.ndim and len(array) != 1}
     if len(set(sizes.values())) > 1:
         given = ", ".join(f"{name} has {size}" for name, size in sizes.items())
-        raise NetworkError(f"inputs: sizes of the batch do not agree: {given} samples")
+        raise NetworkError(f"inputs: sizes of the batch differ: {given} samples")
     count = next(iter(sizes.values()), 1)
     shape = (count, network.stages)
     whole = {
@@ -85,7 +85,7 @@ def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
         array = array[:, None]
     if array.ndim > 2 or (array.ndim == 2 and array.shape[1] not in (1, network.stages)):
         raise NetworkError(
-            f"inputs[{name}]: expected one value a sample, (B,), or one a sample and stage, "
+            f"inputs[{name}]: expected one value per sample, (B,), or one per sample and stage, "
             f"(B, {network.stages}), got an array of shape {np.shape(value)}"
         )
     if array.ndim and len(array) == 0:
@@ -164,7 +164,7 @@ def ranges_of(words: Sequence[str], option: str) -> dict[str, tuple[float, float
                 f"{option}: expected INPUT=LOW:HIGH, for instance q_d.x=3:7, got {word!r}"
             ) from error
         if name.strip() in ranges:
-            raise ProblemError(f"{option}: {name.strip()} is given twice")
+            raise ProblemError(f"{option}: {name.strip()} is specified twice")
         ranges[name.strip()] = found
     return ranges
 

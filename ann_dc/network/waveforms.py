@@ -152,6 +152,6 @@ def check_constant(waveforms: Mapping[str, Waveform]) -> None:
     if waveforms:
         raise NetworkError(
             f"inputs: {', '.join(waveforms)} change over time, which OdeBackend.run, "
-            "OdeBackend.run_batch and SpiceBackend.run can follow; give recurrent steps, layers "
-            "and two levels the network at a time, network.at_time(0.0)"
+            "OdeBackend.run_batch and SpiceBackend.run can follow; for recurrent steps, layers "
+            "and two levels use the network at one time, network.at_time(0.0)"
         )

@@ -90,7 +90,7 @@ class _Descent:
             return self._reported(control)
         failures = 0
         for _ in range(STEPS):
-            self.progress(f"prospects: cost {self.cost:.3g} on its way down")
+            self.progress(f"boundedness: cost {self.cost:.3g} decreasing")
             direction = self._direction(PUSHES[failures])
             if direction is None:
                 return None
@@ -198,8 +198,9 @@ class _Descent:
         problem = self.problem
         unit = f" {problem.cost_unit}" if problem.cost_unit else ""
         message = (
-            f"the cost has no minimum: with the constraints met it fell to {self.cost:.3g}{unit} "
-            f"while {largest} grew; add a cost that grows with {largest}, or check the signs"
+            "the cost has no minimum: with the constraints met it fell to "
+            f"{self.cost:.3g}{unit} while {largest} grew; add a cost for {largest}, or check "
+            "the signs"
         )
         return Unbounded(objective=self.cost, largest=largest, message=message)
 

@@ -52,9 +52,9 @@ class Minimum(Enum):
     """Result of the second-order test; the value is the sentence that is displayed."""
 
     STRICT = "strict local minimum"
-    NOT_A_MINIMUM = "NOT a minimum: the cost falls along a direction that keeps the constraints"
+    NOT_A_MINIMUM = "NOT a minimum: the cost decreases along a feasible direction"
     FLAT = "not a strict minimum: the cost has no curvature along some direction"
-    NOT_SHOWN = "not shown to be a minimum: that depends on inequalities that are weakly active"
+    NOT_SHOWN = "not proven to be a minimum: the result depends on weakly active inequalities"
     NOT_CHECKED = "not checked"
 
 

@@ -128,7 +128,7 @@ class Certificate:
         if not self.second_order:
             return f"second order: {self.verdict}"
         if not self.newton_step < LARGEST_STEP:
-            return f"a Newton step still moves a component by {self.newton_step:.1e} of its range"
+            return f"a Newton step still changes a component by {self.newton_step:.1e} of its range"
         return self.verdict
 
     @property

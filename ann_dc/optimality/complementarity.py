@@ -72,9 +72,10 @@ class Complementarity:
         """Description of the first condition that fails; empty if all hold."""
         reported = {
             f"an inequality is violated by {self.violation:.1e} of a range": self.violation,
-            f"a multiplier has the wrong sign by {self.wrong_sign:.1e} of the largest one":
+            f"a multiplier has the wrong sign by {self.wrong_sign:.1e} of the largest multiplier":
                 self.wrong_sign,
-            f"a multiplier of an inequality that does not touch gives {self.product:.1e}":
+            "the product of distance and multiplier of an inactive inequality is "
+                f"{self.product:.1e}":
                 self.product,
         }  # fmt: skip
         wrong = [words for words, value in reported.items() if not value < LARGEST_MISS]
@@ -161,11 +162,14 @@ class Largest:
     def reason(self) -> str:
         """Description of the condition that fails; empty if all hold."""
         if not self.miss < LARGEST_MISS:
-            return f"the shares of the objectives miss one, or are negative, by {self.miss:.1e}"
+            return (
+                "the weights of the objectives differ from a sum of one, or are negative, by "
+                f"{self.miss:.1e}"
+            )
         if not self.product < LARGEST_MISS and self.temperature:
-            return f"an objective is away from where its share has it, by {self.product:.1e}"
+            return f"an objective differs from the value of its weight by {self.product:.1e}"
         if not self.product < LARGEST_MISS:
-            return f"an objective with a share is not the largest, by {self.product:.1e}"
+            return f"an objective with a positive weight is below the largest by {self.product:.1e}"
         return ""
 
     @property

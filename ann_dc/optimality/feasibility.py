@@ -196,8 +196,9 @@ def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
         amount = f"{row.excess:.3g}{_unit_of(problem, row.inequality)}"
         reported.append(f"{_words(row.inequality)} is exceeded by {amount} {where}")
     message = (
-        f"no controls{_limits(problem, path)} keep all inequalities: {', '.join(reported)}; loosen "
-        "what is exceeded or make it soft, change an end, or give more stages"
+        f"no controls{_limits(problem, path)} satisfy all inequalities: {', '.join(reported)}; "
+        "relax the violated constraint or make it soft, change the boundary conditions, or add "
+        "stages"
     )
     exceeded = {row.inequality.name: row.excess for row in rows}
     return Infeasible(reached={}, exceeded=exceeded, path=path, message=message)

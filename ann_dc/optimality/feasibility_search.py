@@ -343,7 +343,7 @@ class Search:
         for _ in range(iterations):
             if path.met or not np.isfinite(path.violation):
                 return path
-            self.progress(f"prospects: a path that misses the constraints by {path.violation:.1e}")
+            self.progress(f"feasibility: constraint violation {path.violation:.1e}")
             sizes.append(self._size(path))
             if len(sizes) > PATIENCE and sizes[-1] > (1 - STALLED) * sizes[-1 - PATIENCE]:
                 return replace(path, at_rest=True)

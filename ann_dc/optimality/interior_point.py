@@ -145,7 +145,7 @@ class _Search:
             return "" if self.restored() else "no shift of the Hessian gives a step"
         if self.accepted(step) or self.recovered():
             return ""
-        return "no step length is accepted"
+        return "no step length was accepted"
 
     def decrease(self) -> None:
         """Decrease t while the error of its barrier problem is small enough."""

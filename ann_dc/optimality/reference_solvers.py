@@ -335,7 +335,7 @@ def _functions(ca: Any, problem: OptimalControlProblem):
     if problem.objectives:
         raise ProblemError(
             f"objectives: {problem.name} has {', '.join(problem.objective_names)}, and the "
-            "reference solvers are told one cost; compare points with their certificates"
+            "reference solvers support one cost; compare points by their certificates"
         )
     q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
     inputs = ca.SX.sym("inputs", len(problem.inputs))

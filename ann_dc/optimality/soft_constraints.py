@@ -86,16 +86,16 @@ class SoftRows:
     def reported(self) -> str:
         """Numbers of exceeded constraints and the largest violation, as text."""
         if not self.worst:
-            return "all kept"
-        found = [f"{self.at_price} exceeded at their penalty weight"] if self.at_price else []
-        found += [f"{self.yielding} give way below it"] if self.yielding else []
+            return "all satisfied"
+        found = [f"{self.at_price} violated at their penalty weight"] if self.at_price else []
+        found += [f"{self.yielding} violated below it"] if self.yielding else []
         return (
             f"{', '.join(found)}; {self.worst} most, by {self.excess:.4g} at stage {self.stage}; "
             f"cost {self.cost:.4g}"
         )
 
     def __str__(self) -> str:
-        return f"soft rows              {self.reported}"
+        return f"soft constraints              {self.reported}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -61,7 +61,7 @@ class Around:
     @property
     def ways(self) -> dict[str, Piece]:
         """Paths that can be driven, by name."""
-        return {"with legs": self.drive, "discs": whole(self.discs)}
+        return {"with segments": self.drive, "discs": whole(self.discs)}
 
     @property
     def leap(self) -> float:

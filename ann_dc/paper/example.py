@@ -73,7 +73,7 @@ def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[P
     yield PaperRun(
         label="plain D=1",
         solution=solve(problem, gains=gains, initial_guess=_near(optimum), backend=brief),
-        remark=f"started {OFF:.0%} off the optimum, moved away and ",
+        remark=f"started {OFF:.0%} from the optimum, diverged and ",
     )
 
 

@@ -41,10 +41,10 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
     controls, probe = run.trajectory.control_values, run.probe
     distance = np.abs(controls - controls[-1]).max(axis=1) / run.trajectory.control_size
     error.semilogy(
-        seconds[:-1], np.maximum(distance, LOWEST)[:-1], color=VERMILION, label="from its own end"
+        seconds[:-1], np.maximum(distance, LOWEST)[:-1], color=VERMILION, label="to its final value"
     )
     wanted = np.abs(controls - probe.control_values[-1]).max(axis=1) / probe.control_size
-    error.semilogy(seconds, np.maximum(wanted, LOWEST), color=INK, lw=1, label="from the optimum")
+    error.semilogy(seconds, np.maximum(wanted, LOWEST), color=INK, lw=1, label="to the optimum")
     error.axhline(1e-3, color=GREY, lw=1, ls=":")
     error.set(xlabel="time (µs)", ylabel="distance of the controls\n" + _share(probe))
     lowest = min(line.get_ydata()[line.get_xdata() <= end].min() for line in error.lines[:2])
@@ -63,9 +63,7 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
 
 def _share(probe: Trajectory) -> str:
     """Return the size of the controls as a wrapped label."""
-    size = probe.size_in_words
-    reported = "the largest" if size == "the largest one" else size
-    return fill(f"(share of {reported})", 36)
+    return fill(f"(relative to {probe.size_in_words})", 36)
 
 
 def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:
@@ -112,15 +110,13 @@ def comparison(
     )
     for axes, measured, predicted in columns:
         measured = np.maximum(measured, LOWEST)
-        axes.plot(
-            predicted, rows, "o", mfc="none", mec=INK, ms=9, label="predicted by the emulator"
-        )
+        axes.plot(predicted, rows, "o", mfc="none", mec=INK, ms=9, label="predicted by emulation")
         axes.plot(measured[built], rows[built], "o", color=BLUE, ms=5, label="ngspice")
-        axes.plot(measured[~built], rows[~built], "D", color=GREY, ms=4, label="computed digitally")
+        axes.plot(measured[~built], rows[~built], "D", color=GREY, ms=4, label="digital")
         axes.set_xscale("log")
         style.quiet(axes)
-    error.set_xlabel("error of the controls (share of the largest)")
-    settling.set_xlabel("time to 0.1 %, or to solve (µs)")
+    error.set_xlabel("control error (relative to the largest control)")
+    settling.set_xlabel("settling time to 0.1 %, or solution time (µs)")
     for row, m in zip(rows, done):
         if m.why and m.run is None:
             error.annotate(
@@ -133,5 +129,5 @@ def comparison(
     settling.tick_params(labelleft=False)
     handles, labels = error.get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, fontsize=8, loc="outside lower center", ncols=3)
-    style.headline(figure, f"{style.caption(problem)}, from ideal parts to silicon")
+    style.headline(figure, f"{style.caption(problem)}, model levels")
     return figure

@@ -31,7 +31,7 @@ Error: TypeAlias = Literal["residual", "controls", "objective"]
 LABELS = {"time": style.UNSCALED, "steps": "steps or iterations", "seconds": "time (s)"}
 ERRORS = {
     "residual": "relative KKT residual",
-    "controls": "largest error of a control, relative to the largest",
+    "controls": "control error (relative to the largest control)",
     "objective": "relative error of the cost",
 }
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, INK, GREY)
@@ -155,7 +155,7 @@ def _curve(
     else:
         if trajectory.network.waveforms:
             raise NetworkError(
-                f"error: {error!r} refers to one optimum, but inputs change over time; take "
+                f"error: {error!r} refers to one optimum, but inputs change over time; use "
                 "'residual', or backends.tracking_error for the error over time"
             )
         rows = _spread(len(trajectory.time))
@@ -173,15 +173,14 @@ def _positions(
     if against == "steps":
         if not isinstance(run, Run):
             raise NetworkError(
-                "against: a trajectory or circuit has no steps; take 'time' or 'seconds'"
+                "against: a trajectory or circuit has no steps; use 'time' or 'seconds'"
             )
         grid = np.linspace(0, run.steps, len(trajectory.residual_time))
         return np.interp(time, trajectory.residual_time, grid)
     own = run.deck.timing.unit if isinstance(run, CircuitRun) else unit
     if own is None:
         raise NetworkError(
-            "against: a network has seconds as a circuit only; add the run of a circuit, or take "
-            "'time'"
+            "against: only circuits have seconds; add the run of a circuit, or take 'time'"
         )
     return own * time
 
@@ -213,11 +212,11 @@ def _solution(reference: _Reference) -> Solution:
     best = reference.solution
     if best is None:
         raise NetworkError(
-            "error: the cost is that of a problem; give the certified solution as optimum="
+            "error: the cost belongs to a problem; pass the certified solution as optimum="
         )
     if best.problem.objectives:
         raise NetworkError(
-            "error: the cost of several objectives depends on their shares; take 'residual' or "
+            "error: the cost of several objectives depends on their weights; use 'residual' or "
             "'controls'"
         )
     return best
@@ -226,7 +225,7 @@ def _solution(reference: _Reference) -> Solution:
 def _of_levels(run: TwoLevelRun, against: Against, error: Error) -> Curve:
     if against != "steps" or error != "residual":
         raise NetworkError(
-            "two levels have residuals over outer iterations; take against='steps' and "
+            "two levels have residuals over outer iterations; use against='steps' and "
             "error='residual'"
         )
     return Curve(np.arange(len(run.residuals), dtype=float), run.residuals[:, 0])
@@ -235,7 +234,7 @@ def _of_levels(run: TwoLevelRun, against: Against, error: Error) -> Curve:
 def _of_solver(run: SolverIterates, against: Against, error: Error, reference: _Reference) -> Curve:
     if against == "time" or error == "controls":
         raise NetworkError(
-            "a digital solver has residuals and costs over iterations and seconds; take "
+            "a digital solver has residuals and costs over iterations and seconds; use "
             "against='steps' or 'seconds', and error='residual' or 'objective'"
         )
     steps = np.arange(len(run.residuals), dtype=float)

@@ -49,7 +49,7 @@ def diagnosis(found: Diagnosis, problem: OptimalControlProblem | None = None) ->
     panels = right.subplots(len(modes), 1, sharex=True, squeeze=False)[:, 0]
     for number, (axes, mode) in enumerate(zip(panels, modes), 1):
         _mode(axes, mode, number)
-    panels[-1].set_xlabel("stage k (1)")
+    panels[-1].set_xlabel("stage k")
     name = found.title if problem is None else style.caption(problem)
     style.headline(
         figure,
@@ -71,7 +71,7 @@ def _eigenvalues(axes: Axes, found: Slowness) -> None:
             at = mode.rate / found.spectrum.radius, mode.eigenvalue.imag / found.spectrum.radius
             axes.annotate(str(number), at, xytext=(5, 4), textcoords="offset points", fontsize=8,
                           color=INK)  # fmt: skip
-    axes.axvline(1 / LIMIT, color=GREEN, lw=1.4, label=f"limit: ratio {LIMIT:g}")
+    axes.axvline(1 / LIMIT, color=GREEN, lw=1.4, label=f"limit: stiffness ratio {LIMIT:g}")
     if np.isfinite(found.ratio):
         axes.axvline(
             1 / found.ratio, color=VERMILION, ls="--", lw=1.2, label=f"ratio {found.ratio:.3g}"
@@ -80,8 +80,8 @@ def _eigenvalues(axes: Axes, found: Slowness) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.xaxis.set_major_formatter(PLAIN)
-    axes.set_xlabel("rate of decay (share of the radius)")
-    axes.set_ylabel("imaginary part\n(share of the radius)")
+    axes.set_xlabel("decay rate (relative to the spectral radius)")
+    axes.set_ylabel("imaginary part\n(relative to the spectral radius)")
     style.quiet(axes)
     style.legend_beside(axes)
 
@@ -91,7 +91,7 @@ def _rows(axes: Axes, found: Diagnosis) -> None:
     places = np.arange(len(rows))[::-1]
     penalty = np.array([row.penalty for row in rows])
     axes.barh(places, 1.5 * penalty, left=-0.5 * penalty, height=0.8, color=BELOW,
-              label="covered by the penalty w:\n-w/2 .. w")  # fmt: skip
+              label="covered by penalty w:\n-w/2 .. w")  # fmt: skip
     low, high = np.array([(row.lowest, row.highest) for row in rows]).T
     axes.barh(places, high - low, left=low, height=0.36, color=BLUE, label="over the horizon")
     low, high = np.array([(row.at_stage.min(), row.at_stage.max()) for row in rows]).T
@@ -107,7 +107,7 @@ def _rows(axes: Axes, found: Diagnosis) -> None:
     axes.margins(x=0.05)
     axes.axvline(0.0, color=GREY, lw=0.8)
     axes.set_yticks(places, [row.neuron for row in rows], fontsize=8)
-    axes.set_xlabel("shadow stiffness (network units)")
+    axes.set_xlabel("multiplier sensitivity (network units)")
     style.quiet(axes)
     style.legend_beside(axes)
 
@@ -127,7 +127,7 @@ def _mode(axes: Axes, mode: Mode, number: int) -> None:
         fontsize=9, loc="left",
     )  # fmt: skip
     axes.axhline(0.0, color=GREY, lw=0.8)
-    axes.set_ylabel("root of the energy (1)")
+    axes.set_ylabel("root of the energy fraction")
     style.quiet(axes)
     style.legend_beside(axes)
 
@@ -154,7 +154,7 @@ def family(designed: FamilyDesign) -> Figure:
         drawn = _plane(place, found, problem, pair)
     if drawn is not None:
         bar = figure.colorbar(drawn, ax=axes[-1])
-        bar.set_label("settling (fastest time constants)", size=9)
+        bar.set_label("settling time (tau_min)", size=9)
         bar.ax.tick_params(labelsize=8, color=GREY)
     low, high = found.interval
     sure = f" ({low:.1%} to {high:.1%})" if found.drawn else ""
@@ -180,7 +180,9 @@ def _shares(axes: Axes, found: Validation) -> None:
                 textcoords="offset points", fontsize=8, color=INK,
             )  # fmt: skip
     axes.axhline(1.0, color=GREY, lw=0.8, ls=":")
-    axes.set(xlabel=style.FASTEST, ylabel="share of inputs settled", ylim=(0, 1.04), xlim=(0, None))
+    axes.set(
+        xlabel=style.FASTEST, ylabel="fraction of inputs settled", ylim=(0, 1.04), xlim=(0, None)
+    )
     axes.margins(x=0.12)
 
 
@@ -212,7 +214,7 @@ def front(found: Front) -> Figure:
         _against(place, found, *pair)
     _counted(axes[-1], found)
     good = int(found.certified.sum())
-    certified = f"one network, {len(found)} weights: {good} certified points of the front"
+    certified = f"one network, {len(found)} weights: {good} certified points"
     style.headline(figure, f"{style.caption(found.problem)}\n{certified}")
     return figure
 
@@ -253,6 +255,9 @@ def _counted(axes: Axes, found: Front) -> None:
         axes.bar(x, share, width, bottom=below, color=colour, label=name, alpha=0.75, lw=0)
         below += share
     axes.set(
-        xlabel=f"points, by the weight of {found.names[0]}", ylabel="share", ylim=(0, 1), xticks=[]
+        xlabel=f"points, ordered by the weight of {found.names[0]}",
+        ylabel="share",
+        ylim=(0, 1),
+        xticks=[],
     )
     axes.legend(fontsize=8, frameon=True, loc="lower right")

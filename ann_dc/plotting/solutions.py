@@ -257,7 +257,7 @@ def _neurons(axes: Axes, solution: Solution, radius: float) -> None:
             time, farthest, line, color=colour, lw=2.0 if line == "-" else 1.4,
             label=f"{name}, farthest neuron",
         )  # fmt: skip
-    axes.set_ylabel("distance to the last value\n(share of the population's largest)")
+    axes.set_ylabel("distance to final value\n(relative to the population's largest)")
     axes.set_ylim(1e-8, 3.0)
 
 
@@ -273,7 +273,7 @@ def _residuals(axes: Axes, solution: Solution, radius: float) -> None:
     time, parts = radius * trajectory.residual_time, style.drawable(trajectory.residuals)
     parts = np.where(parts > 0, parts, np.nan)
     kkt = np.fmax.reduce(parts, axis=1)
-    axes.semilogy(time, kkt, color="#C9C9C9", lw=4.5, label="KKT residual (the larger)")
+    axes.semilogy(time, kkt, color="#C9C9C9", lw=4.5, label="KKT residual (the larger of both)")
     axes.semilogy(time, parts[:, 0], color=SKY, lw=1.2, label="constraint residual")
     axes.semilogy(time, parts[:, 1], color=ORANGE, lw=1.2, label="stationarity residual")
     axes.axhline(tolerance, color=GREY, lw=1.0, ls=":", label=f"tolerance {tolerance:g}")
@@ -283,7 +283,7 @@ def _residuals(axes: Axes, solution: Solution, radius: float) -> None:
             settled, tolerance, "D", color=VERMILION, ms=7, zorder=5,
             label=f"settled after {settled:.3g}",
         )  # fmt: skip
-    axes.set_ylabel("relative residual (1)")
+    axes.set_ylabel("relative KKT residual")
     low = min(tolerance, np.nanmin(kkt, initial=1.0)) / 3
     axes.set_ylim(low, 3 * max(np.nanmax(kkt[time >= FIRST_INSTANT], initial=tolerance), 1.0))
     if kkt[0] > axes.get_ylim()[1]:
@@ -304,7 +304,7 @@ def _predicted(axes: Axes, found: Spectrum | None, end: float) -> None:
     pace = "falls" if found.abscissa < 0 else "grows"
     axes.plot(
         time[inside], np.exp(power[inside]), "--", color=INK, lw=1.2, zorder=4,
-        label=f"predicted: {pace} by e in {1 / abs(rate):.3g}" if rate else "predicted: stands",
+        label=f"predicted: {pace} by e in {1 / abs(rate):.3g}" if rate else "predicted: constant",
     )  # fmt: skip
 
 
@@ -324,7 +324,7 @@ def spectrum(solution: Solution) -> Figure:
     style.quiet(axes)
     if found is None:
         axes.text(
-            0.5, 0.5, "no spectrum: the run ended at a state\nthat is not finite",
+            0.5, 0.5, "no spectrum: the final state\nis not finite",
             ha="center", va="center", transform=axes.transAxes, color=GREY,
         )  # fmt: skip
         return figure

@@ -27,7 +27,7 @@ SKY, PURPLE, INK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8A8A8A"
 LARGEST = 1e100
 """Magnitude above which values are omitted from a figure."""
 
-FASTEST = "network time (fastest time constants)"
+FASTEST = "network time (tau_min)"
 """Label of network time in units of the fastest mode; it is not in seconds for any problem."""
 
 UNSCALED = "network time (unit time constants)"
@@ -142,10 +142,19 @@ def save(figure: Figure, path: str | Path) -> Path:
 def mark_ends(axes: Axes, start: ArrayLike, target: ArrayLike) -> None:
     """Mark the start, and a finite target, of a path in the plane."""
     axes.plot(
-        *np.asarray(start), "s", color=GREEN, ms=9, mfc="none", mew=1.8, label="start q_0", zorder=5
+        *np.asarray(start),
+        "s",
+        color=GREEN,
+        ms=9,
+        mfc="none",
+        mew=1.8,
+        label="initial state q_0",
+        zorder=5,
     )
     if np.isfinite(target).all():
-        axes.plot(*np.asarray(target), "*", color=VERMILION, ms=13, label="target q_d", zorder=5)
+        axes.plot(
+            *np.asarray(target), "*", color=VERMILION, ms=13, label="terminal state q_d", zorder=5
+        )
 
 
 def limit_lines(axes: Axes, bounds: Iterable[Any]) -> None:

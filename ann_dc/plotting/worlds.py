@@ -78,7 +78,7 @@ def plane(axes: Axes, journey: ClosedLoopRun) -> None:
     x, y = journey.q[:2]
     for k in np.unique(np.linspace(0, len(x) - 1, ROBOTS).astype(int)):
         axes.add_patch(Circle((x[k], y[k]), world.robot.radius, ec=BLUE, fc="none", lw=0.8))
-    axes.plot(x, y, color=BLUE, lw=2.0, label="way of the robot")
+    axes.plot(x, y, color=BLUE, lw=2.0, label="path of the robot")
     shielded = np.flatnonzero(journey.shielded)
     if len(shielded):
         axes.plot(x[shielded], y[shielded], ".", color=VERMILION, ms=5, label="safety filter")
@@ -118,7 +118,7 @@ def _known(journey: ClosedLoopRun) -> np.ndarray:
 def _room(axes: Axes, journey: ClosedLoopRun) -> None:
     axes.plot(_time(journey), np.minimum(journey.clearance, journey.world.sensor), color=INK)
     axes.axhline(0.0, color=VERMILION, lw=0.8)
-    axes.set_ylabel("room (m)")
+    axes.set_ylabel("clearance (m)")
 
 
 def _pressed(axes: Axes, journey: ClosedLoopRun) -> None:
@@ -131,7 +131,7 @@ def _residual(axes: Axes, journey: ClosedLoopRun) -> None:
     axes.semilogy(_time(journey)[known], journey.residuals[known], color=BLUE)
     axes.axhline(SETTLED, color=GREY, lw=0.8, ls=":")
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_ylabel("residual (1)")
+    axes.set_ylabel("relative KKT residual")
 
 
 FRAMES_A_SECOND = 10

@@ -52,8 +52,8 @@ def bounds_of(given: Any, symbols: Sequence[sp.Symbol]) -> dict[str, tuple[float
         name = key.name if isinstance(key, sp.Symbol) else key
         if name in checked or not isinstance(name, str) or name not in names:
             raise ProblemError(
-                f"bounds: {name!r} is given twice or is none of {', '.join(names)}; only states "
-                "and controls have bounds"
+                f"bounds: {name!r} is specified twice or is none of {', '.join(names)}; only "
+                "states and controls have bounds"
             )
         checked[name] = _pair(name, pair)
     return {name: pair for name, pair in checked.items() if pair != NO_BOUND}
@@ -68,13 +68,13 @@ def widths(bounds: Bounds, symbols: Sequence[sp.Symbol]) -> np.ndarray:
 def _pair(name: str, given: Any) -> tuple[float, float]:
     if not is_vector(given, 2):
         raise ProblemError(
-            f"bounds[{name}]: expected (low, high), None where there is none, got {given!r}"
+            f"bounds[{name}]: expected (low, high) with None for no bound, got {given!r}"
         )
     low, high = (_bound(name, value, none) for value, none in zip(given, NO_BOUND))
     if not low < high:
         raise ProblemError(
-            f"bounds[{name}]: the lower bound {low:g} is not below the upper bound {high:g}; give "
-            "low < high, and what is fixed as q_0, as q_d or as a number"
+            f"bounds[{name}]: the lower bound {low:g} is not below the upper bound {high:g}; "
+            "use low < high, and declare fixed values as q_0, q_d or numbers"
         )
     return low, high
 
@@ -84,7 +84,8 @@ def _bound(name: str, value: Any, none: float) -> float:
         return none
     if not is_finite(value):
         raise ProblemError(
-            f"bounds[{name}]: {value!r} is no finite number; give one, or None where there is none"
+            f"bounds[{name}]: expected a finite number or None, got {value!r}; use "
+            "constraints= for bounds that vary"
         )
     return float(value)
 
@@ -151,8 +152,9 @@ def bounds_assumed(
         given = found.get(symbol.name, (low, high))
         if given[0] < low or given[1] > high:
             raise ProblemError(
-                f"bounds[{symbol}]: {given[0]:g} to {given[1]:g} contradicts {_reported(symbol)}; "
-                f"give bounds on one side of zero, or declare it as sp.Symbol({symbol.name!r})"
+                f"bounds[{symbol}]: {given[0]:g} to {given[1]:g} contradicts "
+                f"{_reported(symbol)}; use bounds on one side of zero, or declare it as "
+                f"sp.Symbol({symbol.name!r})"
             )
         if given != NO_BOUND:
             found[symbol.name] = given
@@ -167,9 +169,8 @@ def check_inputs(inputs: Iterable[sp.Symbol]) -> None:
     for symbol in inputs:
         if _range(symbol) != NO_BOUND:
             raise ProblemError(
-                f"inputs[{symbol}]: expected a symbol that may have either sign, got "
-                f"{_reported(symbol)}, which a network does not keep; declare it as "
-                f"sp.Symbol({symbol.name!r})"
+                f"inputs[{symbol}]: expected a symbol of any sign, got {_reported(symbol)}, "
+                f"which a network does not enforce; declare it as sp.Symbol({symbol.name!r})"
             )
 
 
@@ -186,7 +187,7 @@ def _range(symbol: sp.Symbol) -> tuple[float, float]:
     if not is_kept or signed.is_zero or (signed.is_nonzero and (low, high) == NO_BOUND):
         raise ProblemError(
             f"{symbol}: expected a real number that varies continuously, got a symbol with "
-            f"{_reported(symbol)}, which a network does not keep; declare it as "
+            f"{_reported(symbol)}, which a network does not enforce; declare it as "
             f"sp.Symbol({symbol.name!r})"
         )
     return low, high
@@ -237,9 +238,9 @@ def check_ends(
             ):
                 at = ", ".join(f"{s} = {value:g}" for s, value in known.items() if s in read)
                 raise ProblemError(
-                    f"{field}[{row.name}]: {name} ({at}) breaks it, whatever is chosen: "
-                    f"{row.expression} <= 0 is asked, and {fault}; move {name}, free one of its "
-                    "components (None), or change the relation"
+                    f"{field}[{row.name}]: {name} ({at}) violates it for all controls: "
+                    f"{row.expression} <= 0 is required, but {fault}; move {name}, free one of "
+                    "its components (None), or change the relation"
                 )
 
 

@@ -197,7 +197,7 @@ class OptimalControlProblem(Record):
         put(*handed.stage_map(self.dynamics, self.map, known))
         put("objectives", objectives_of(self.objectives, known, {*self.states, *self.controls}))
         if self.cost is None and not self.objectives:
-            raise ProblemError("cost: missing; give a stage cost, or objectives")
+            raise ProblemError("cost: missing; add a stage cost, or objectives")
         given = sp.S.Zero if self.cost is None else self.cost
         put("cost", smooth_expression("cost", given, known))
         put("terminal_cost", smooth_expression("terminal_cost", self.terminal_cost, at_end))
@@ -463,7 +463,7 @@ class OptimalControlProblem(Record):
             "at the end": self.terminal_constraints,
             "bounds": self.bounds,
             "soft": self.soft,
-            "held where it has no effect": self.held,
+            "constant where it has no effect": self.held,
         }
         return (
             f"{self.name}: {counted(self.n, 'states')} ({', '.join(map(str, self.states))}), "

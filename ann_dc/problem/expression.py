@@ -241,8 +241,9 @@ class _Reader:
         if name.lower() in NON_SMOOTH_NAMES:
             raise self._refused(
                 node,
-                f"calls {name}, which is not smooth: the stationarity equations need a derivative "
-                "everywhere, so use a smooth stand-in such as sqrt(x**2 + 0.01) for |x|",
+                f"calls {name}, which is not smooth: the stationarity equations need a "
+                "derivative everywhere, so use a smooth approximation such as sqrt(x**2 + "
+                "0.01) for |x|",
             )
         if name not in FUNCTIONS:
             raise self._refused(node, f"calls {name}, which is not a known function")
@@ -317,7 +318,7 @@ def _described(node: ast.AST) -> str:
     kinds = {
         ast.Attribute: "an attribute",
         ast.IfExp: "a conditional",
-        ast.Call: "a call of something that is no name",
+        ast.Call: "a call of an object that is not a name",
         ast.BoolOp: "a logical operation",
         ast.Tuple: "a list of values",
         ast.BinOp: "an operation",

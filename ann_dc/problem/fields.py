@@ -26,15 +26,13 @@ FORMULA_NAMES: frozenset[str] = frozenset(
 """Names with a predefined meaning in formulas that are written as text."""
 
 NO_SYMBOL: dict[str, str] = {
-    **dict.fromkeys(
-        FORMULA_NAMES, "a formula that is written as text means a function or a number by it"
-    ),
-    **dict.fromkeys(("nan", "inf"), "tables and files write a number that way"),
+    **dict.fromkeys(FORMULA_NAMES, "formulas in text form use it for a function or a number"),
+    **dict.fromkeys(("nan", "inf"), "tables and files use it for a number"),
 }
 """Names that are reserved for all symbols, with the reason."""
 
-NO_INPUT = {"one": "the node behind every constant is called so"} | dict.fromkeys(
-    ("q_0", "q_d"), "with_inputs and --set mean an end of the problem by it"
+NO_INPUT = {"one": "the node of constants has this name"} | dict.fromkeys(
+    ("q_0", "q_d"), "with_inputs and --set use it for a boundary condition"
 )
 """Names that a state or a control may have but an input may not, with the reason."""
 
@@ -45,12 +43,12 @@ NON_SMOOTH = (sp.Abs, sp.sign, sp.Max, sp.Min, sp.Piecewise, sp.Heaviside, sp.fl
 UNFIT = (
     (
         NON_SMOOTH,
-        "is not smooth; the stationarity equations need a derivative everywhere, so use a smooth "
-        "stand-in (for instance sqrt(x**2 + 0.01) for |x|)",
+        "is not smooth; the stationarity equations need a derivative everywhere, so use a "
+        "smooth approximation (for instance sqrt(x**2 + 0.01) for |x|)",
     ),
     (
         (AppliedUndef, sp.Derivative, sp.Subs, ExprWithLimits),
-        "has a function, derivative, sum or integral that SymPy only names; evaluate it (doit())",
+        "has a function, derivative, sum or integral that is not evaluated; evaluate it (doit())",
     ),
     ((sp.nan, sp.oo, -sp.oo, sp.zoo, sp.I), "is not a finite real expression"),
 )
@@ -102,7 +100,7 @@ def check_names(given: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]) -> None
         if text.lower() in seen:
             raise ProblemError(
                 f"name {text!r} is used twice (upper and lower case count as the same, because "
-                "a netlist does not tell them apart); give every symbol its own name"
+                "a netlist does not distinguish them); use different names"
             )
         seen.add(text.lower())
 
@@ -223,7 +221,7 @@ def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
             array = np.array(np.broadcast_to(_numbers(value), (horizon,)))
         except (TypeError, ValueError, OverflowError) as error:
             raise ProblemError(
-                f"inputs[{symbol}]: expected one number or {horizon} of them, one a stage, "
+                f"inputs[{symbol}]: expected one number or {horizon} of them, one per stage, "
                 f"got {value!r}"
             ) from error
         if not np.isfinite(array).all():
@@ -268,7 +266,7 @@ def measures(given, names: Sequence[str]) -> dict[str, str]:
     for key, unit in given.items():
         name = key.name if isinstance(key, sp.Symbol) else key
         if name in checked:
-            raise ProblemError(f"units: {name!r} is given twice; give every name one unit")
+            raise ProblemError(f"units: {name!r} is given twice; use one unit per name")
         if not isinstance(name, str) or name not in (*names, *UNITS_OF_ALL):
             raise ProblemError(
                 f"units: {name!r} not declared; units are given to "
@@ -276,8 +274,8 @@ def measures(given, names: Sequence[str]) -> dict[str, str]:
             )
         if name in UNITS_OF_ALL and name in names:
             raise ProblemError(
-                f"units: {name!r} is one of the problem's own symbols, but also names the unit of "
-                f"the {name}; rename the symbol"
+                f"units: {name!r} is a symbol of the problem, but also names the unit of the "
+                f"{name}; rename the symbol"
             )
         checked[name] = _measure(name, unit)
     return checked
@@ -287,7 +285,7 @@ def _measure(name: str, given) -> str:
     """Return one unit of measure without surrounding blanks."""
     if not isinstance(given, str):
         raise ProblemError(
-            f'units[{name}]: expected text such as "m/s", got {given!r}; a unit is a word and '
+            f'units[{name}]: expected text such as "m/s", got {given!r}; a unit is text and '
             'changes no number ("1" where there is none)'
         )
     unit = given.strip()
@@ -353,8 +351,8 @@ def scales_by_hand(given, names: Sequence[str]) -> dict[str, float | Scale]:
             )
         if name == "cost" and (name in names or isinstance(value, Scale)):
             raise ProblemError(
-                "scales[cost]: the cost has a factor alone, a number, and its name belongs to no "
-                f"state or control; got {value!r}"
+                "scales[cost]: expected a positive number (no offset; no state or control has "
+                f"this name), got {value!r}"
             )
         checked[name] = _scale(name, value)
     return checked
@@ -365,6 +363,6 @@ def _scale(name: str, given) -> float | Scale:
     if not (is_finite(factor) and is_finite(offset) and float(factor) > 0):
         raise ProblemError(
             f"scales[{name}]: expected a positive finite number, or Scale(factor, offset), got "
-            f"{given!r}; the factor is what a network value of 1 stands for"
+            f"{given!r}; the factor is the value of a network value of 1"
         )
     return Scale(float(factor), float(offset)) if isinstance(given, Scale) else float(factor)

@@ -23,9 +23,10 @@ SIGNS = {"<=": sp.Le, "<": sp.Lt, ">=": sp.Ge, ">": sp.Gt}
 """Relation signs in text form."""
 
 NO_INEQUALITIES = {
-    sp.Equality: "an equality; let the map, q_0 or q_d say it, or give room on either side of it",
-    sp.Unequality: "no inequality, and smooth on neither side; write <= or >=",
-    sp.logic.boolalg.BooleanFunction: "a combination of relations; give every one by itself",
+    sp.Equality: "an equality; express it by the map, q_0 or q_d, or use two inequalities with a "
+    "tolerance",
+    sp.Unequality: "not an inequality; write <= or >=",
+    sp.logic.boolalg.BooleanFunction: "a combination of relations; list each relation separately",
 }
 """Unsupported relations with a description and a remedy."""
 
@@ -61,8 +62,7 @@ def relations_of(
         if not g.free_symbols - data:
             raise ProblemError(
                 f"{field}[{name}]: {relation} has none of "
-                f"{', '.join(sorted(map(str, known - data)))} in it, so that nothing can make it "
-                "hold; leave it out"
+                f"{', '.join(sorted(map(str, known - data)))} and cannot be influenced; omit it"
             )
     return relations
 
@@ -94,8 +94,8 @@ def _excess(where: str, relation: Any) -> sp.Expr:
         return excess(relation)
     if isinstance(relation, (bool, np.bool_, sp.logic.boolalg.BooleanAtom)):
         raise ProblemError(
-            f"{where}: the relation is {relation} whatever the states and controls are; leave it "
-            "out, or compare symbols of the problem"
+            f"{where}: the relation is {relation} for all states and controls; omit it, or "
+            "compare symbols of the problem"
         )
     for kind, words in NO_INEQUALITIES.items():
         if isinstance(relation, kind):

@@ -184,7 +184,7 @@ def check_start(problem: OptimalControlProblem, start: InitialGuess) -> None:
     if (start.q.shape, start.u.shape) != expected:
         raise ProblemError(
             f"initial_guess: expected q and u of shapes {expected[0]} and {expected[1]}, got "
-            f"{start.q.shape} and {start.u.shape}; interpolated_guess(problem) makes one"
+            f"{start.q.shape} and {start.u.shape}; interpolated_guess(problem) returns one"
         )
     q = start.q[:, :-1]
     for name, expressions, good in terms(problem, q, start.u):
@@ -197,7 +197,7 @@ def check_start(problem: OptimalControlProblem, start: InitialGuess) -> None:
         given = {symbol: float(np.asarray(rows)[k]) for symbol, rows in problem.inputs.items()}
         found = culprit(expressions, values | given)
         raise ProblemError(
-            f"initial_guess: {name} or its slope has no finite value at stage {k} ({at})"
-            f"{f', because of {found}' if found else ''}; q_0, q_d and the start have to lie "
-            "inside the domain of every function (give initial_guess=)"
+            f"initial_guess: {name} or its slope has no finite value at stage {k} "
+            f"({at}){f', because of {found}' if found else ''}; q_0, q_d and the start have to "
+            "be in the domain of every function (set initial_guess=)"
         )

@@ -45,22 +45,23 @@ def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> 
     """
     named = _by_name(given)
     if len(named) == 1:
-        raise ProblemError("objectives: one objective alone is a cost; give it as cost")
+        raise ProblemError("objectives: expected two or more; declare a single objective as cost")
     symbols = [sp.Symbol(name) for name in named if isinstance(name, str)]
     if len(symbols) < len(named):
         raise ProblemError(f'objectives: expected names such as "effort", got {list(named)!r}')
     check_names(symbols, [])
     taken = {str(symbol) for symbol in known} & {str(share_symbol(name)) for name in named}
     if taken:
-        raise ProblemError(f"objectives: the name {', '.join(sorted(taken))} stands for a share")
+        raise ProblemError(
+            f"objectives: the name {', '.join(sorted(taken))} is reserved for a weight"
+        )
     checked = {}
     for name, expression in named.items():
         checked[name] = smooth_expression(f"objectives[{name}]", expression, known)
         if not checked[name].free_symbols & chosen:
             raise ProblemError(
                 f"objectives[{name}]: {expression} has none of "
-                f"{', '.join(sorted(map(str, chosen)))} in it, so that nothing can make it "
-                "smaller; leave it out"
+                f"{', '.join(sorted(map(str, chosen)))} and cannot be influenced; omit it"
             )
     return checked
 
@@ -74,7 +75,7 @@ def weights_of(given: Any, objectives: Any) -> dict[str, float]:
         return {}
     names = list(_by_name(objectives))
     if not names:
-        raise ProblemError("weights: there are no objectives to weigh; give objectives")
+        raise ProblemError("weights: the problem has no objectives; add objectives")
     weights = dict(given) if isinstance(given, Mapping) else None
     if isinstance(given, (list, tuple, np.ndarray)) and len(given) == len(names):
         weights = dict(zip(names, given))
@@ -89,7 +90,7 @@ def weights_of(given: Any, objectives: Any) -> dict[str, float]:
     if not math.isclose(sum(weights.values()), 1.0, abs_tol=WHOLE):
         raise ProblemError(
             f"weights: {', '.join(f'{w:g}' for w in weights.values())} add up to "
-            f"{sum(weights.values()):g}; they have to add up to 1"
+            f"{sum(weights.values()):g}; expected a sum of 1"
         )
     return {name: float(weights[name]) for name in names}
 
@@ -102,7 +103,7 @@ def temperature_of(given: Any, objectives: Any) -> float:
     if not (is_finite(given) and given >= 0):
         raise ProblemError(f"temperature: expected zero or a positive number, got {given!r}")
     if given and not objectives:
-        raise ProblemError("temperature: there are no objectives to soften; give objectives")
+        raise ProblemError("temperature: the problem has no objectives; add objectives")
     return float(given)
 
 

@@ -38,7 +38,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         if len(self.states) < 2:
-            raise ScenarioError("states: expected x, y and what else there is, got fewer than two")
+            raise ScenarioError("states: expected x, y and further states, got fewer than two")
         if not np.isfinite(self.limits).all():
             raise ScenarioError(
                 "bounds: every control needs a lower and an upper one; "
@@ -47,8 +47,8 @@ class Robot:
         still = [sp.sympify(F).subs(dict.fromkeys(self.controls, 0)) for F in self.dynamics]
         if any(sp.simplify(F) != 0 for F in still):
             raise ScenarioError(
-                "dynamics: with all controls zero the robot has to stand still, since that is how "
-                f"it brakes; it moves with {still}"
+                "dynamics: expected a robot at rest if all controls are zero (it brakes in "
+                f"this way), got {still}"
             )
 
     @cached_property

@@ -58,7 +58,7 @@ def expression_of(lines: Sequence[str], symbols: Mapping[str, sp.Expr], where: s
     line is not an expression.
     """
     if not lines:
-        raise ExpressionError(f"{where}: no line of text; write an expression, or 0")
+        raise ExpressionError(f"{where}: expected a line of text; write an expression, or 0")
     known = dict(symbols)
     value = sp.S.Zero
     for number, line in enumerate(lines, 1):
@@ -143,8 +143,8 @@ class _Writer:
         if len(call.args) == 1 and name in IN_OTHER_WORDS:
             return self._text(IN_OTHER_WORDS[name](call.args[0]))
         raise ExpressionError(
-            f"{call}: cannot be written as text that is read back; write it with one of "
-            f"{', '.join(FUNCTIONS)} or with sums, products and powers"
+            f"{call}: cannot be written as text; use {', '.join(FUNCTIONS)} or with sums, "
+            "products and powers"
         )
 
 
@@ -278,7 +278,7 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
     if step is not None:
         data["dt"] = StepLength(**vars(step))
     elif given.dt is None:
-        raise ProblemError("dt: neither a number nor a step length is given")
+        raise ProblemError("dt: expected a number or a step length, got none")
     names = (*given.states, *given.controls, *given.inputs)
     symbols: dict[str, Any] = {name: _symbol(name, assumptions.get(name, {})) for name in names}
     if step is not None:
@@ -297,7 +297,7 @@ def _symbol(name: str, assumptions: Mapping[str, bool]) -> sp.Symbol:
     try:
         return sp.Symbol(name, **assumptions)
     except (TypeError, ValueError) as error:
-        raise ProblemError(f"assumptions.{name}: SymPy does not take them: {error}") from error
+        raise ProblemError(f"assumptions.{name}: SymPy rejects them: {error}") from error
 
 
 # ---- fields that are not plain data
@@ -338,7 +338,7 @@ def _write_relation(relation: Any) -> WrittenRelation:
 
 def _read_relation(given: WrittenRelation, symbols: Mapping[str, sp.Symbol], place: str) -> sp.Rel:
     if given.sign not in SIGNS:
-        raise ProblemError(f"{place}: {given.sign!r} is none of {', '.join(SIGNS)}")
+        raise ProblemError(f"{place}: {given.sign!r} is not one of {', '.join(SIGNS)}")
     sides = (expression_of(side, symbols, place) for side in (given.left, given.right))
     return SIGNS[given.sign](*sides, evaluate=False)
 

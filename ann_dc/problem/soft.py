@@ -62,13 +62,13 @@ class Soft:
         put("weight", math.inf if unlimited else positive("soft.weight", self.weight))
         if not (is_finite(self.compliance) and self.compliance >= 0):
             raise ProblemError(
-                f"soft.compliance: expected a number from zero on, got {self.compliance!r}"
+                f"soft.compliance: expected a number of at least 0, got {self.compliance!r}"
             )
         put("compliance", float(self.compliance))
         if unlimited and not self.compliance:
             raise ProblemError(
-                "soft: neither a finite weight nor a compliance; give one, or leave the row "
-                "as it is: it has to hold then"
+                "soft: expected a finite weight or a compliance, got neither; add one, or keep "
+                "the constraint hard"
             )
 
     def cost(self, g: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ class Soft:
         return bent**2 / (2.0 * self.compliance) + straight
 
     def __str__(self) -> str:
-        reported = [f"{self.weight:g} a unit"] if self.weight < math.inf else []
+        reported = [f"{self.weight:g} per unit"] if self.weight < math.inf else []
         reported += [f"compliance {self.compliance:g}"] if self.compliance else []
         return f"soft ({', '.join(reported)})"
 
@@ -102,8 +102,8 @@ def soft_of(given: Any, rows: Collection[Any], limited: Collection[str]) -> dict
     if not isinstance(given, Mapping):
         if not rows:
             raise ProblemError(
-                "soft: the problem has no inequality that could be soft; limits of controls are "
-                "rails, which always hold"
+                "soft: the problem has no inequality constraint; control bounds are hard, use "
+                "constraints= to soften one"
             )
         return dict.fromkeys(rows, _soft("soft", given))
     found = {}
@@ -112,11 +112,11 @@ def soft_of(given: Any, rows: Collection[Any], limited: Collection[str]) -> dict
             for control in limited:
                 if name in (control, f"{control}_low", f"{control}_high"):
                     raise ProblemError(
-                        f"soft[{name}]: {control} is a control, and its limits are rails, which "
-                        "always hold; write the limit as one of the constraints to make it soft"
+                        f"soft[{name}]: {control} is a control, whose bounds are hard; use "
+                        "constraints= to soften a bound"
                     )
             raise ProblemError(
-                f"soft: there is no row {name!r}; give one of {', '.join(rows) or 'none'}"
+                f"soft: unknown constraint {name!r}; choose one of {', '.join(rows) or 'none'}"
             )
         found[name] = _soft(f"soft[{name}]", value)
     return found
@@ -129,7 +129,9 @@ def _soft(where: str, given: Any) -> Soft:
     table = given if isinstance(given, Mapping) else {"weight": given}
     for key in table:
         if key not in (known := [field.name for field in fields(Soft)]):
-            raise ProblemError(f"{where}: unknown key {key!r}; a soft row has {', '.join(known)}")
+            raise ProblemError(
+                f"{where}: unknown key {key!r}; a soft constraint has {', '.join(known)}"
+            )
     try:
         return Soft(**table)
     except ProblemError as error:

@@ -105,15 +105,15 @@ class StepLength:
             put("high", positive("dt.high", self.high))
             if not self.low < self.high:
                 raise ProblemError(
-                    f"dt.low, dt.high: the lower bound {self.low:g} is not below the upper bound "
-                    f"{self.high:g}; give low < high, or dt=number for a step length that is given"
+                    f"dt.low, dt.high: the lower bound {self.low:g} is not below the upper "
+                    f"bound {self.high:g}; use low < high, or dt=number for a fixed step length"
                 )
         middle = FIRST_GUESS * self.low if self.high is None else math.sqrt(self.low * self.high)
         put("guess", positive("dt.guess", middle if self.guess is None else self.guess))
         if not self.low < self.guess < (self.high or math.inf):  # pyright: ignore
             raise ProblemError(
                 f"dt.guess: {self.guess:g} is not between the bounds ({self}); a network cannot "
-                "leave a bound on which it starts"
+                "leave a bound at which it starts"
             )
         given = sp.Symbol(self.symbol) if isinstance(self.symbol, str) else self.symbol
         if not isinstance(given, sp.Symbol):
@@ -225,8 +225,8 @@ class HandedOn:
             return cls(own=own, step=dt)
         if isinstance(states[-1], Coordinate):
             raise ProblemError(
-                f"dt: {dt:g} is given, but this problem chooses its step length (state "
-                f"{states[-1]}); declare it anew with formulas in which the step is a number"
+                f"dt: got {dt:g}, but the step length of this problem is free (state "
+                f"{states[-1]}); declare the problem with formulas in which the step is a number"
             )
         return cls(own=states, step=None)
 
@@ -250,8 +250,8 @@ class HandedOn:
         for symbol in self.symbols:
             if symbol.name.lower() in [s.name.lower() for s in given]:
                 raise ProblemError(
-                    f"dt.symbol: {symbol} is one of the problem's own symbols; call the step "
-                    'length something else, for instance StepLength(..., symbol="step")'
+                    f"dt.symbol: {symbol} is a symbol of the problem; rename the step "
+                    'length, for instance StepLength(..., symbol="step")'
                 )
 
     def stage_map(
@@ -263,8 +263,9 @@ class HandedOn:
         """
         if (dynamics is None) == (map is None):
             raise ProblemError(
-                f"dynamics, map: {'neither' if map is None else 'both'} given; give the continuous "
-                "right-hand side as dynamics= or the map q_{k+1} = f(q, u) as map=, one of the two"
+                f"dynamics, map: {'neither' if map is None else 'both'} given; declare the "
+                f"continuous right-hand side as dynamics= or the map q_{{k+1}} = f(q, u) as "
+                "map=, one of the two"
             )
         name, given = ("map", map) if dynamics is None else ("dynamics", dynamics)
         last = self.states[-1] if dynamics is None else sp.S.Zero

@@ -146,8 +146,8 @@ def _check_keys(table: Mapping) -> None:
     for key in REQUIRED:
         if key not in table:
             raise ProblemError(
-                f"{key}: missing; a problem file has the keys {known} (plain keys stand before "
-                "the first [table])"
+                f"{key}: missing; a problem file has the keys {known} (plain keys precede the "
+                "first [table])"
             )
 
 
@@ -160,7 +160,7 @@ def _step(given: object) -> Any:
         if key not in known:
             raise ProblemError(f"dt: unknown key {key!r}; a step length has {', '.join(known)}")
     if "low" not in given:
-        raise ProblemError("dt.low: missing; a step length that is chosen has a lower bound")
+        raise ProblemError("dt.low: missing; a free step length has a lower bound")
     return StepLength(**given)
 
 
@@ -223,13 +223,12 @@ def parse_relations(
     sides, signs = parts[::2], parts[1::2]
     if not 1 <= len(signs) <= 2 or "=" in "".join(sides):
         raise ExpressionError(
-            f'{where}: {text[:LONGEST]!r} is no inequality; write it like "x**2 + y <= 1" or '
-            '"-1 <= x <= 1", with <=, <, >= or > (an equality belongs into the map, q_0 or q_d)'
+            f'{where}: {text[:LONGEST]!r} is not an inequality; write it as "x**2 + y <= 1" or '
+            '"-1 <= x <= 1", with <=, <, >= or > (express an equality by the map, q_0 or q_d)'
         )
     if len({sign[0] for sign in signs}) > 1:
         raise ExpressionError(
-            f"{where}: {text[:LONGEST]!r} compares its middle with two bounds of the same side; "
-            "write two inequalities"
+            f"{where}: {text[:LONGEST]!r} has two bounds on the same side; write two inequalities"
         )
     formulas = [parse_expression(side, symbols, where) for side in sides]
     names = [name] if len(signs) == 1 else [row_name(name, side) for side in ("low", "high")]
@@ -341,8 +340,7 @@ def _bounds(field: str, given: Any, names: _Names) -> dict[str, Any]:
     for name, pair in table.items():
         if not isinstance(pair, list) or not all(_is_number(v) or isinstance(v, str) for v in pair):
             raise ProblemError(
-                f'{field}.{name}: expected two numbers, or "none" where there is no bound, got '
-                f"{pair!r}"
+                f'{field}.{name}: expected two numbers, or "none" for no bound, got {pair!r}'
             )
     return {
         name: [names.value(f"{field}.{name}", end, "none") for end in pair]

@@ -83,10 +83,10 @@ class CornerTable:
 
     def tables(self) -> list[Table]:
         """Return the tables to print."""
-        columns = "C", "supply", "process", "error", "0.1 % after", "settles", "clips", "spread"
+        columns = "C", "supply", "process", "error", "settling", "settles", "clips", "spread"
         shown = table(*(f"{name}  " for name in (*columns, "noise")), dense=True)
         shown.title = (
-            f"{self.backend.level.name} parts: error of the controls over the largest one, "
+            f"{self.backend.level.name} parts: control error relative to the largest control, "
             f"of {parts_in_words(self.backend)}, its standard deviation by tolerances (spread), "
             "and rms noise"
         )
@@ -107,15 +107,15 @@ class CornerTable:
         if not spreads or len({c.conditions.temperature for c in self.corners}) == 1:
             return ""
         if len(spreads) == 1:
-            return "no drift of these parts is known: temperature changes no tolerance"
-        return "resistors and offsets of op amps drift; of multipliers no drift is known"
+            return "the drift of these parts is unknown: tolerances do not depend on temperature"
+        return "resistors and offsets of op amps drift; the drift of multipliers is unknown"
 
     def _doubt(self) -> str:
         """Return the effect of tolerances on the verdict."""
         if all(math.isnan(corner.spread) for corner in self.corners):
             level = self.backend.level
             drawn = level.emulated and not level.transistors
-            return "no spread is known" + "; --yield draws circuits" * drawn
+            return "the spread is unknown" + "; --yield draws circuits" * drawn
         if self.backend.seed is not None:
             return ""
         wide = [
@@ -128,7 +128,7 @@ class CornerTable:
         parts = parts_in_words(self.backend)
         return (
             f"at {len(wide)} of {len(self.corners)} corners {parts} are within {NEAR:.0%}, and "
-            f"{WIDE} spreads on top are not: --yield draws circuits"
+            f"{WIDE} spreads exceed it: --yield draws circuits"
         )
 
     def as_dict(self) -> dict:
@@ -181,28 +181,26 @@ class InterfaceTable:
             rows |= assumed(self.backend.level)
         if chosen.dac_bits is not None:
             rows["inputs"] = (
-                f"{chosen.dac_bits} bits: error of controls {cost.input_error:.2e} with these "
-                f"inputs, {cost.worst_input_error:.2e} at most with others near them"
+                f"{chosen.dac_bits} bits: control error {cost.input_error:.2e} with these "
+                f"inputs, {cost.worst_input_error:.2e} at most with nearby inputs"
             )
         if chosen.adc_bits is not None:
             rows["controls"] = f"{chosen.adc_bits} bits: {cost.output_error:.2e} at most"
         if chosen.dac_bits is not None and chosen.adc_bits is not None:
-            rows["both"] = (
-                f"{cost.error:.2e} of the size of the controls with these inputs, as read"
-            )
-        rows["with the parts"] = verdict_text(self.good, self._verdict())
-        rows["a solve"] = (
-            f"{_us(cost.settling_time)} to settle and {_us(chosen.seconds)} to convert: "
+            rows["both"] = f"{cost.error:.2e} relative to the controls with these inputs, as read"
+        rows["parts included"] = verdict_text(self.good, self._verdict())
+        rows["solution"] = (
+            f"{_us(cost.settling_time)} settling and {_us(chosen.seconds)} conversion: "
             f"{_us(cost.solve_time)}"
         )
         rows["cold start"] = (
-            f"by emulation {cost.other_equilibrium}; that parts clip on the way it does not know: "
-            "preset the integrators, or try it in ngspice"
+            f"by emulation {cost.other_equilibrium}; saturation of parts is not emulated: "
+            "preset the integrators, or simulate in ngspice"
             if cost.other_equilibrium
-            else f"within 0.1 % after {_us(cost.cold_settling_time)}: reset switches that empty "
-            "capacitors are enough, no source presets them"
+            else f"within settling {_us(cost.cold_settling_time)} after discharge by the reset "
+            "switches, without preset sources"
             if math.isfinite(cost.cold_settling_time)
-            else "no settling seen: preset the integrators"
+            else "does not settle: preset the integrators"
         )
         return [named_rows(rows)]
 
@@ -211,11 +209,11 @@ class InterfaceTable:
         if math.isnan(cost.circuit_error):
             return "the circuit oscillates"
         if math.isnan(cost.settling_time):
-            return "the circuit does not get to its settled point"
+            return "the circuit does not reach its equilibrium"
         return (
-            f"{cost.total_error:.2e} at most, with inputs near these, too; "
-            f"{cost.circuit_error:.2e} is the circuit's own, with {parts_in_words(self.backend)}"
-            + f"; noise of {cost.noise:.1e} rms beside it"
+            f"{cost.total_error:.2e} at most, nearby inputs included; {cost.circuit_error:.2e} "
+            f"from the circuit, with {parts_in_words(self.backend)}"
+            + f"; noise of {cost.noise:.1e} rms in addition"
             * math.isfinite(cost.noise)
         )
 
@@ -248,12 +246,15 @@ class YieldTable:
         rows |= _drawn_from(self.backend)
         if len(stable):
             median, most = np.quantile(stable, [0.5, 0.95])
-            rows["error of controls"] = f"{median:.2e} median, {most:.2e} for 95 % of those stable"
+            rows["control error"] = (
+                f"{median:.2e} median, {most:.2e} for 95 % of the stable circuits"
+            )
         rows["noise"] = _noise_told(found.noise)
         rows["do not settle"] = f"{len(found.errors) - len(stable)} of {len(found.errors)}"
         if untimed := [why for why in found.unknown if why]:
-            rows["settle at a time"] = f"not known of {len(untimed)}, which count as lost: " + (
-                "; ".join(dict.fromkeys(untimed))
+            rows["settling time"] = (
+                f"unknown for {len(untimed)} circuits, which count as failed: "
+                + ("; ".join(dict.fromkeys(untimed)))
             )
         if found.found.passed == 0:
             rows["closest"] = self._closest()
@@ -265,14 +266,17 @@ class YieldTable:
             return "none of the circuits settles near the optimum"
         error, time = found.errors[found.closest], found.settling_times[found.closest]
         after = f" after {time * 1e6:.4g} us" if np.isfinite(time) else ""
-        return f"no circuit keeps the spec; seed {found.seeds[found.closest]}: {error:.2%}{after}"
+        return (
+            f"no circuit meets the specification; seed {found.seeds[found.closest]}: "
+            f"{error:.2%}{after}"
+        )
 
     def _spots(self) -> Table:
         timed = "settling_time" in self.yielded.spec.limits
-        times = ("0.1 % after", "in ngspice") if timed else ()
-        columns = "seed", "error", "in ngspice", *times, "keeps the spec", ""
+        times = ("settling", "in ngspice") if timed else ()
+        columns = "seed", "error", "in ngspice", *times, "meets the specification", ""
         shown = table(*(f"{name}  " for name in columns), dense=True)
-        shown.title = "drawn circuits that ngspice ran as well: predicted, and what it found"
+        shown.title = "simulated samples: predicted and ngspice"
         for spot in self.yielded.spots:
             both = spot.predicted_time, spot.measured_time
             shown.add_row(
@@ -289,7 +293,7 @@ class YieldTable:
         if not spot.agreed:
             return Text("disagree", "red")
         same = spot.kept[0] == spot.kept[1]
-        return Text("agree", "green") if same else Text("at its limit", "yellow")
+        return Text("agree", "green") if same else Text("near the limit", "yellow")
 
     def as_dict(self) -> dict:
         """Return the content of the JSON file."""
@@ -309,8 +313,8 @@ class YieldTable:
 def _noise_told(noise: float) -> str:
     """Return the description of the noise that a verdict includes."""
     if np.isnan(noise):
-        return "not computed, and not counted"
-    return f"{noise:.1e} of the largest control rms, counted with every error"
+        return "not computed, not included"
+    return f"{noise:.1e} rms, relative to the largest control, included in every error"
 
 
 def _drawn_from(backend: SpiceBackend) -> dict[str, str]:
@@ -318,7 +322,9 @@ def _drawn_from(backend: SpiceBackend) -> dict[str, str]:
     series = backend.series
     if not series.mantissas:
         return assumed(backend.level)
-    bought = f"{series.name}, capacitors of {series.capacitors.name}, with their tolerances on top"
+    bought = (
+        f"{series.name}, capacitors of {series.capacitors.name}, with their tolerances in addition"
+    )
     return {"resistors": bought} | assumed(backend.level)
 
 
@@ -345,7 +351,7 @@ class TrimTable:
         by_slopes += f"without trims, {found.remaining:.2%} with these, {found.floor:.2%} with all "
         rows = {
             f"error<{100 * found.error:g}%": self._verdict(),
-            "by slopes": f"{by_slopes}{found.places}",
+            "linearised": f"{by_slopes}{found.places}",
             "noise": _noise_told(found.noise),
             **_drawn_from(self.backend),
         }
@@ -358,7 +364,7 @@ class TrimTable:
             return verdict_text(True, said)
         if found.kept.high >= found.share and found.kept.passed:
             return Text(f"undecided: {said}; draw more (--samples)", "yellow")
-        return verdict_text(False, f"{said}: buy better resistors or parts")
+        return verdict_text(False, f"{said}: use better resistors or parts")
 
     def _emulated(self) -> str:
         found = self.found
@@ -368,20 +374,20 @@ class TrimTable:
         )
         number = f"{len(found.steps)} trims"
         said = f"{number} bring {found.share:.0%} of {len(found.after)} emulated circuits to "
-        said += f"{_share(after)}, from {_share(before)}; {found.kept} keep it"
+        said += f"{_share(after)}, from {_share(before)}; {found.kept} meet it"
         lost = int(np.isinf(found.after).sum())
         said += f", {lost} do not settle" * bool(lost)
         return said
 
     def _steps(self) -> Table:
-        shown = table("", "trim  ", "cell  ", "measure, and set to  ", "remains", dense=True)
-        shown.title = "trims in this order, and the error of controls that remains by slopes"
+        shown = table("", "trim  ", "cell  ", "measurement and set value  ", "remains", dense=True)
+        shown.title = "trims in this order, and the control error that remains linearised"
         most = SHOWN if self.found.reached else BEGUN
         for number, step in enumerate(self.found.steps[:most], 1):
             name, left = step.parameter.name, f"{step.remaining:.2%}"
             shown.add_row(f"{number} ", f"{name} ", str(step.stage), f"{step.reading} ", left)
         if len(self.found.steps) > most:
-            shown.caption = f"and {len(self.found.steps) - most} more: --json has them"
+            shown.caption = f"and {len(self.found.steps) - most} more (--json)"
         return shown
 
     def as_dict(self) -> dict:
@@ -409,4 +415,4 @@ class TrimTable:
 
 
 def _share(error: float) -> str:
-    return f"{error:.2%}" if np.isfinite(error) else "unsettled"
+    return f"{error:.2%}" if np.isfinite(error) else "not settled"

@@ -35,13 +35,13 @@ def cell_listing(network: Network) -> list[Any]:
     blocks = table("block", "kind", "computes")
     for block in cell.blocks:
         blocks.add_row(block.name, type(block).__name__.lower(), _computes(block, arriving))
-    head = f"{network.title}: {counted(network.stages, 'cells')}, all wired like this one"
+    head = f"{network.title}: {counted(network.stages, 'cells')}, all equal to this one"
     return [head, neurons, blocks, _ends(network)]
 
 
 def _ends(network: Network) -> str:
     ends = [f"{p.neuron} of cell {p.stage} is the input {p.input}" for p in network.fixed]
-    ends += [f"{a.neuron} of cell {a.stage} is left out" for a in network.omitted]
+    ends += [f"{a.neuron} of cell {a.stage} is omitted" for a in network.omitted]
     return "\n".join([f"inputs: {', '.join(network.cell.inputs)}", "ends:", *ends])
 
 
@@ -140,7 +140,7 @@ def _step_sentence(problem: OptimalControlProblem) -> str:
         problem.timed(f"{value:.4g}") for value in (step.guess, problem.horizon * step.guess)
     )
     return (
-        f"step length {step.symbol}: {problem.interval}, chosen by the network, which starts at "
-        f"{guess}, so that {lasting(problem.horizon)} {total};\n"
-        f"{step.symbol} = {rounded(step.expression)}"
+        f"step length {step.symbol}: {problem.interval}, determined by the network from the "
+        f"initial value {guess}, so that {lasting(problem.horizon)} {total};\n{step.symbol} = "
+        f"{rounded(step.expression)}"
     )

@@ -30,8 +30,22 @@ from ann_dc.plotting.neurons import neurons
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import picked, write_json
 from ann_dc.report.network_run import neuron_table, neuron_values
-from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
-from ann_dc.report.waveforms import overloads, waveform_dict, waveform_rows
+from ann_dc.report.tables import (
+    compared_rows,
+    headline,
+    indented,
+    measured,
+    named_rows,
+    table,
+    unit_list,
+)
+from ann_dc.report.waveforms import (
+    NEAR_TEXT,
+    overloads,
+    waveform_dict,
+    waveform_errors,
+    waveform_rows,
+)
 from ann_dc.si_prefixes import counted, engineering
 from ann_dc.solution.solution import certificate_of, units_of
 
@@ -73,36 +87,65 @@ class CircuitReport:
         network = self.found.circuit.schematic.network
         return {} if self.problem is None else units_of(self.problem, network)
 
-    def tables(self) -> list[Table]:
-        """Return the tables to print."""
-        behaviour = waveform_rows(self.found) if self.found.moves else self._behaviour()
-        first = {self._goal: behaviour.pop(self._goal)} if self._goal in behaviour else {}
-        tables = [named_rows(first | self._circuit() | behaviour | self._errors())]
-        if self.problem is None and self.found.run is not None:
-            tables.append(neuron_table(neuron_values(self.found.run)))
-        tables += [self._budget()] if self.found.items else []
-        return [*tables, self._loops()] if self.found.loops else tables
+    def tables(self) -> list[Table | Text]:
+        """Return the headline and the tables to print: result, errors, checks, settings."""
+        found = self.found
+        errors = waveform_errors(found) if found.moves else self._compared()
+        rows = waveform_rows(found) if found.moves else self._checks()
+        rows |= self._errors() | self._settings()
+        width = max(map(len, (*errors, *rows)))
+        errors = {name: row for name, row in errors.items() if set(row[:2]) != {"-"}}
+        both = compared_rows(("ngspice", "predicted"), errors, width)
+        shown = [self._headline(), indented(both), indented(named_rows(rows, width))]
+        if self.problem is None and found.run is not None:
+            shown.append(neuron_table(neuron_values(found.run)))
+        shown += [self._budget()] if found.items else []
+        return [*shown, self._loops()] if found.loops else shown
 
-    def _circuit(self) -> dict[str, object]:
+    def _headline(self) -> Text:
+        """Return the result in one line; it determines the exit code."""
+        found, network = self.found, self.found.circuit.schematic.network
+        name = network.title if self.problem is None else self.problem.name
+        source = f"({'predicted' if found.run is None else 'ngspice'}, {self._conditions_of()})"
+        goal = f"within {NEAR_TEXT} of the {self._goal} {found.terms} {source}"
+        if found.unknown:
+            result = "neither simulated nor predicted"
+        elif found.moves:
+            result = "not simulated" if found.run is None else f"completed {source}"
+        else:
+            result = f"not {goal}: {found.shortcoming}" if found.shortcoming else goal
+        return headline(f"{name} on {self.backend.level.name}", result, self.good)
+
+    @property
+    def _goal(self) -> str:
+        return "settled" if self.problem is None else "optimal"
+
+    def _conditions_of(self) -> str:
+        """Return the parts of the circuit and the errors that the result excludes."""
+        is_counted = self.found.moves or math.isfinite(self.found.noise)
+        return parts_in_words(self.backend) + ("" if is_counted else ", noise not computed")
+
+    def _settings(self) -> dict[str, object]:
         found, level, cost = self.found, self.backend.level, self.found.cost
         written, scaling, run = found.deck, found.circuit.scaling, found.run
         parts = ", ".join(counted(count, name) for name, count in written.parts.items())
         power = f"; {engineering(cost.power, 'W', 3)}"
         if math.isfinite(cost.energy):
-            power += f", {engineering(cost.energy, 'J', 3)} a solve"
+            power += f", {engineering(cost.energy, 'J', 3)} per solution"
         return {
-            **self._subject(),
+            "parts": parts + (power if cost.power > 0 else ""),
+            "values": self._values(),
             "level": f"{level.name}{self._parts()}{self._drawn_with()}",
             **self._conditions(),
-            "parts": parts + (power if cost.power > 0 else ""),
             **self._preconditioner(),
-            "values": self._values(),
-            "1 V =": self._a_volt(),
-            "scaling": f"{scaling.full_scale:g} V full scale, "
-            f"{engineering(written.timing.unit, 's', 3)} a unit time constant, op amps "
-            f"{scaling.bandwidth_margin:.3g} times as fast as the network; tightest node in "
-            f"the ODE's run {scaling.tightest} at {scaling.used(scaling.tightest):.0%}"
-            + (f", in the circuit's {run.fullest}" if run and run.fullest else ""),
+            "scaling": f"1 V = {self._a_volt()}; full scale {scaling.full_scale:g} V; "
+            f"largest swing {scaling.used(scaling.tightest):.0%} of full scale in the ODE "
+            f"({scaling.tightest})"
+            + (f", {run.fullest} in the circuit" if run and run.fullest else ""),
+            "time scale": f"unit time constant {engineering(written.timing.unit, 's', 3)}, "
+            f"bandwidth margin {scaling.bandwidth_margin:.3g} (op amps relative to the fastest "
+            "mode)",
+            **self._subject(),
         }
 
     def _subject(self) -> dict[str, object]:
@@ -121,7 +164,7 @@ class CircuitReport:
         reported, scales = [], self.found.circuit.control_scales
         for name, scale in [*scales.items()][:VOLTS]:
             unit = self.units.get(name, "").removeprefix("1")
-            offset = f" from {scale.offset:.4g}, as its errors are" * bool(scale.offset)
+            offset = f" from {scale.offset:.4g}" * bool(scale.offset)
             reported.append(f"{name}: {scale.factor:.4g} {unit}".rstrip() + offset)
         more = f", and {len(scales) - VOLTS} more (--json)" if len(scales) > VOLTS else ""
         return ", ".join(reported) + more
@@ -142,23 +185,26 @@ class CircuitReport:
         }
 
     def _preconditioner(self) -> dict[str, object]:
-        """Return the preconditioner with the demand on its wires, or why that is unknown."""
+        """Return the preconditioner with its wire requirements, or why those are unknown."""
         kind = self.found.circuit.schematic.network.preconditioner.kind
         others = " (default of circuits; ann-dc solve selects among all preconditioners)"
         is_default = kind is PreconditionerKind.DIAGONAL and self.problem is not None
-        rows: dict[str, object] = {"preconditioner": kind.value + others * is_default}
+        rows: dict[str, object] = {"network": f"{kind.value} preconditioner{others * is_default}"}
         if self.found.undemanded:
-            return rows | {"wires": f"demand unknown: {self.found.undemanded}"}
+            return rows | {"wires": f"requirements not computed: {self.found.undemanded}"}
         return rows if self.found.demand is None else rows | {"wires": self.found.demand}
 
     def _values(self) -> str:
         """Return the ranges of resistors and capacitors."""
         ohms, farads = self.found.circuit.ranges
         ohms = self.backend.series.nearest(np.array(ohms))
-        strays = f" (below {engineering(OTHER_EQUILIBRIA, 'F', 3)} strays count)" * bool(
-            farads[0] < OTHER_EQUILIBRIA
+        strays = (
+            f" (parasitic capacitance matters below {engineering(OTHER_EQUILIBRIA, 'F', 3)})"
+            * bool(farads[0] < OTHER_EQUILIBRIA)
         )
-        leaks = f" (above {engineering(LEAKS, 'ohm', 3)} boards leak)" * bool(ohms[1] > LEAKS)
+        leaks = f" (board leakage matters above {engineering(LEAKS, 'ohm', 3)})" * bool(
+            ohms[1] > LEAKS
+        )
         least, most = (engineering(value, "ohm", 3) for value in ohms)
         farads = self.backend.series.capacitors.nearest(np.array(farads))
         small, large = (engineering(value, "F", 3) for value in farads)
@@ -166,27 +212,42 @@ class CircuitReport:
         with_limits = (
             bool(self.found.circuit.schematic.limited) and RESISTOR in self.found.deck.parts
         )
-        beside = "; those of rails: --bom" * with_limits
-        return f"{resistors}C {small} to {large}{strays}{beside}"
+        clamps = "; clamps: --bom" * with_limits
+        return f"{resistors}C {small} to {large}{strays}{clamps}"
 
-    def _behaviour(self) -> dict[str, object]:
-        run, terms = self.found.run, self.found.terms
-        if run is None:
-            return {"simulated": "no", "predicted": self._predicted(), **self._verdict()}
-        micros = 1e6 * run.settling_time(), 1e6 * run.settling_error
+    def _compared(self) -> dict[str, tuple[str, str, str]]:
+        """Return the figures of ngspice and of the prediction, with their references."""
+        found, run, size = self.found, self.found.run, f"relative to {self.found.size}"
+        measured_error = measured_time = spread = "-"
+        if run is not None:
+            measured_error, spread = f"{run.control_error:.2e}", f"{run.mean_square_error:.1e}"
+            measured_time = "not settled" if run.unsettled else _microseconds(run)
+        prediction = found.prediction
+        error = time = pole = "-"
+        if prediction is not None:
+            pole = f"{prediction.spectrum.abscissa:+.3g}"
+            if prediction.stable and not prediction.other_equilibrium:
+                error = f"{prediction.control_error:.2e}"
+                if math.isfinite(prediction.settling_time):
+                    time = f"{1e6 * prediction.settling_time:.4g} us"
+        rows = {
+            f"{found.terms.removesuffix('s')} error": (measured_error, error, size),
+            "settling time": (measured_time, time, f"to 0.1 % of the {found.terms}"),
+            "trajectory error": (spread, "-", "normalised mean square, against the ODE"),
+            "slowest pole": ("-", pole, "per unit time constant"),
+        }
+        if math.isfinite(found.noise):
+            kelvin = self.backend.level.conditions.kelvin
+            rows["noise (rms)"] = ("-", f"{found.noise:.1e}", f"{size}, at {kelvin:.0f} K")
+        return rows
+
+    def _checks(self) -> dict[str, object]:
+        run = self.found.run
         return {
-            "settled": verdict_text(
-                not run.unsettled,
-                run.unsettled or f"{terms} within 0.1 % after {measured(*micros)} us",
-            ),
-            f"error of {terms}": f"{run.control_error:.2e} of {self.found.size}, against the ODE",
-            "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
-            "the ODE",
-            "predicted": self._predicted(),
+            **self._prediction_note(),
             **self._difference(),
             **self._objective(),
-            "overload": overloads(run),
-            **self._verdict(),
+            **({} if run is None else {"overload": overloads(run)}),
         }
 
     def _objective(self) -> dict[str, object]:
@@ -197,8 +258,8 @@ class CircuitReport:
         return {
             "objective": f"{certificate.objective:.8g} {self.problem.cost_unit}".rstrip()
             + f", KKT residual {certificate.kkt_residual:.1e}"
-            + f" (constraint violation {certificate.constraint_residual:.1e}: it may be below the "
-            "optimum's)" * bool(certificate.constraint_residual > KEPT),
+            + f" (constraint violation {certificate.constraint_residual:.1e}: the objective may "
+            "be below the optimum)" * bool(certificate.constraint_residual > KEPT),
         }
 
     def _difference(self) -> dict[str, object]:
@@ -207,67 +268,44 @@ class CircuitReport:
         if not math.isfinite(found.final_difference) or found.run is None:
             return {}
         text = (
-            f"final {found.terms} of ngspice and prediction differ by {found.final_difference:.1e} "
-            f"of {found.size}"
+            f"{found.final_difference:.1e} between the final {found.terms} of ngspice and "
+            f"prediction, relative to {found.size}"
         )
         predicted = found.prediction.settling_time if found.prediction else math.nan
         measured_time = found.run.settling_time()
         if math.isfinite(predicted) and math.isfinite(measured_time) and predicted > 0:
-            text += f", settling times by {abs(measured_time / predicted - 1):.1%}"
+            text += f"; {abs(measured_time / predicted - 1):.1%} between the settling times"
         return {"difference": text}
-
-    def _verdict(self) -> dict[str, object]:
-        """Return the row of the verdict, with the reason if the optimum is not found.
-
-        The verdict determines the exit code.
-        """
-        why = self.found.shortcoming
-        if self.found.unknown:
-            return {self._goal: Text("unknown: neither simulated nor predicted", "yellow")}
-        reported = "are predicted to be" if self.found.run is None else "are"
-        noise = "with their noise" if math.isfinite(self.found.noise) else "noise not computed"
-        parts = parts_in_words(self.backend)
-        near = f"the {self.found.terms} {reported} within {NEAR:.0%}, {noise}, of {parts}"
-        return {self._goal: verdict_text(not why, why or near)}
-
-    @property
-    def _goal(self) -> str:
-        """Name of the row with the verdict."""
-        return f"within 1 % of {'equilibrium' if self.problem is None else 'optimum'}"
 
     def _drawn_with(self) -> str:
         if self.backend.seed is None:
             return ""
-        alone = "; transistors by their models in ngspice alone, and predicted without errors"
+        alone = "; errors of transistors are drawn by their models in ngspice and not predicted"
         return f"; {parts_in_words(self.backend)}" + alone * (self.backend.level.models == PACKAGE)
 
-    def _predicted(self) -> str:
+    def _prediction_note(self) -> dict[str, object]:
+        """Return the row of a prediction that lacks the error or the settling time."""
         found = self.found.prediction
         if found is None:
-            return f"nothing: {self.found.unpredicted}"
-        pole = f"{found.spectrum.abscissa:+.3g} per unit time constant"
+            return {"prediction": f"not available: {self.found.unpredicted}"}
         if not found.stable:
-            return f"oscillates: a pole of {pole}"
+            return {"prediction": "oscillates: the slowest pole is unstable"}
         if found.other_equilibrium:
-            return f"not that it gets to its settled point: {found.other_equilibrium}"
-        when = f"settling not computed: {found.unknown}"
-        if math.isfinite(found.settling_time):
-            when = f"within 0.1 % after {found.settling_time * 1e6:.4g} us"
-        return f"error {found.control_error:.2e}, {when}, slowest pole {pole}"
+            return {"prediction": f"another equilibrium: {found.other_equilibrium}"}
+        if not math.isfinite(found.settling_time):
+            return {"prediction": f"settling time not computed: {found.unknown}"}
+        return {}
 
     def _errors(self) -> dict[str, object]:
         found, rows = self.found, {}
-        if math.isfinite(found.noise):
-            kelvin = self.backend.level.conditions.kelvin
-            rows["noise"] = f"{found.noise:.1e} rms of {found.size}, at {kelvin:.0f} K"
         if self.backend.series.mantissas:
             rounding, series = found.series_rounding, self.backend.series
             rows["resistors"] = (
-                f"{series.name}: off by up to {rounding['resistor']:.2%}, the same in every cell; "
-                f"capacitors of {series.capacitors.name}: {rounding['capacitor']:.2%}"
+                f"{series.name}: rounding errors up to {rounding['resistor']:.2%}, equal in all "
+                f"cells; capacitors of {series.capacitors.name}: {rounding['capacitor']:.2%}"
             )
         if found.unlooped:
-            rows["loops"] = f"not told: {found.unlooped}"
+            rows["loop gains"] = f"not computed: {found.unlooped}"
         if len(found.samples):
             rows |= {"drawn circuits": self._drawn(), **assumed(self.backend.level)}
         return rows
@@ -281,17 +319,17 @@ class CircuitReport:
         within = (noisy(near, self.found.noise) < NEAR).sum()
         return (
             f"error of {self.found.terms} {median:.2e} median, {most:.2e} for 95 % of "
-            f"{len(samples)} (predicted); {within} of {len(samples)} within {NEAR:.0%}, "
-            "noise counted"
-            + f"; {len(samples) - len(near)} settle elsewhere"
+            f"{len(samples)} (predicted); {within} of {len(samples)} within {NEAR:.0%}, noise "
+            "included"
+            + f"; {len(samples) - len(near)} settle at another equilibrium"
             * (len(near) < len(samples))
         )
 
     def _budget(self) -> Table:
-        shown = table("part", "what", "assumed", "error of controls", "share", dense=True)
+        shown = table("part", "quantity", "deviation", "control error", "variance", dense=True)
         shown.title = (
-            "what costs most (standard deviations, one part in all cells): error of the control "
-            "that suffers most from it, share in the variance of the circuit's worst control"
+            "error budget (standard deviation of one part in all cells): error of the most "
+            "affected control, fraction of the variance of the circuit's worst control"
         )
         for item in self.found.items:
             volts = item.parameter.kind.unit == "V"
@@ -301,12 +339,12 @@ class CircuitReport:
         return shown
 
     def _loops(self) -> Table:
-        shown = table("op amp", "cell", "phase margin", "crossover kHz", dense=True)
-        shown.title = "loops with the smallest phase margins, each broken at its op amp's input"
+        shown = table("op amp", "cell", "phase margin (deg)", "crossover (kHz)", dense=True)
+        shown.title = "smallest phase margins (each loop is opened at the input of its op amp)"
         if self.found.prediction is not None and not self.found.prediction.stable:
-            shown.title += "; the circuit oscillates: they do not show that it is stable"
+            shown.title += "; the circuit oscillates: phase margins do not imply stability"
         for loop in self.found.loops:
-            figures = f"{loop.phase_margin:.0f} deg", f"{loop.crossover * 1e-3:.4g}"
+            figures = f"{loop.phase_margin:.0f}", f"{loop.crossover * 1e-3:.4g}"
             shown.add_row(loop.node, str(loop.stage), *figures)
         return shown
 
@@ -392,6 +430,11 @@ class CircuitReport:
             return plotting.circuit(run, self.problem)
         reached = "completed" if self.found.moves else run.unsettled or "settled"
         return neurons(run, f"circuit, {self.backend.level.name}: {reached}")
+
+
+def _microseconds(run: CircuitRun) -> str:
+    """Return the settling time of a simulation with its significant digits."""
+    return f"{measured(1e6 * run.settling_time(), 1e6 * run.settling_error)} us"
 
 
 def assumed(level: Level) -> dict[str, str]:

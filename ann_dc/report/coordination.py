@@ -20,8 +20,8 @@ LEVELS = {
     "newton": "newton: a banded linear system in every outer iteration",
     "oracle": "oracle (33): lambda = |B/A| / 2, from the solution",
     "closed": "closed: the stage equations solved by Newton steps, (30) corrected",
-    "iterated": "iterated: forward Euler (16) until the stages stand still",
-    "linearised": "linearised stages, which follow the coordinator",
+    "iterated": "iterated: forward Euler (16) until the stages converge",
+    "linearised": "linearised stages at the coordinator's variables",
 }
 """Descriptions of the upper and lower levels."""
 
@@ -106,7 +106,7 @@ def _inner(found: Coordination) -> str:
 
 def _theta(found: Coordination) -> str:
     how = f"rose in {found.rises}" if found.rises else "fell in all"
-    note = ": another solution than the design's" if found.elsewhere else ""
+    note = ": a solution that differs from that of the design" if found.elsewhere else ""
     ends = f"from {found.theta[0]:.3g} to {found.theta[-1]:.3g}"
     return f"{how} of {counted(found.run.rounds, 'outer iterations')}, {ends}{note}"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Group
 from rich.table import Table
 
 from ann_dc import plotting
@@ -21,37 +22,80 @@ from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import picked, write_results
-from ann_dc.report.tables import span, table
+from ann_dc.report.tables import headline, indented, named_rows, table
 from ann_dc.weights.network_file import save as save_network
 
-SHOWN = 12
-"""Number of candidates in the table, fastest first."""
+
+def design_report(
+    problem: OptimalControlProblem,
+    design: Design,
+    requested: Sequence[PreconditionerKind] = ALL_KINDS,
+) -> Group:
+    """Return the report that ``ann-dc design`` prints: result, comparison, gains."""
+    kind = design.best.kind.value
+    result = f"gains designed, {kind} preconditioner"
+    if not design.settled:
+        result = f"gains of the last state of a run that did not settle, {kind} preconditioner"
+    elif design.best.settling < np.inf:
+        result += f", settling time {design.best.settling:.0f} tau_min in a trial run"
+    return Group(
+        headline(problem.name, result, design.settled),
+        indented(candidate_table(design, requested)),
+        indented(named_rows(design.rows)),
+    )
 
 
 def candidate_table(design: Design, requested: Sequence[PreconditionerKind] = ALL_KINDS) -> Table:
-    """Return a table of the compared candidates, fastest first; the selected one is marked.
+    """Return a table with one row per preconditioner: candidates, stiffness ratio and settling.
 
-    Requested kinds that were not evaluated are listed with the reason.
+    A row has the best candidate of its kind; candidates with equal gains count once. Requested
+    kinds that were not evaluated follow with the reason.
     """
-    shown = table("preconditioner", "rho", "stiffness ratio", "settling (tau_min)", dense=True)
-    for candidate in design.candidates[:SHOWN]:
-        selected = " (selected)" if candidate is design.best else ""
+    heads = "preconditioner", "candidates", "stiffness ratio", "settling (tau_min)", "result"
+    shown = table(*heads, dense=True)
+    shown.columns[0].no_wrap = True
+    for column in shown.columns[1:4]:
+        column.justify = "right"
+    kinds = [design.best.kind, *(c.kind for c in sorted(design.candidates, key=_rank))]
+    for kind in dict.fromkeys(kinds):
+        found = [candidate for candidate in design.candidates if candidate.kind is kind]
+        best = design.best if kind is design.best.kind else min(found, key=_rank)
+        distinct = {_fingerprint(design, candidate) for candidate in found}
+        is_timed = best.settling < np.inf
         shown.add_row(
-            candidate.gain_rule.kind.value + selected,
-            span(_penalties(design, candidate)),
-            f"{candidate.ratio:.3g}",
-            _settling(candidate),
+            kind.value,
+            str(len(distinct)),
+            f"{best.ratio:.3g}",
+            f"{best.settling:.0f}" if is_timed else "-",
+            _result(design, best),
         )
-    if len(design.candidates) > SHOWN:
-        shown.add_row(f"{len(design.candidates) - SHOWN} slower candidates", "", "", "")
-    evaluated = {candidate.kind for candidate in design.candidates}
     others: dict[str, list[str]] = {}
     for kind in requested:
-        if kind not in evaluated:
+        if kind not in kinds:
+            shown.add_row(kind.value, "-", "-", "-", "not evaluated")
             others.setdefault(_reason(design, kind, requested), []).append(kind.value)
-    lines = [f"not evaluated: {', '.join(kinds)} ({reason})" for reason, kinds in others.items()]
-    shown.caption, shown.caption_justify = "\n".join(lines) or None, "left"
+    lines = [f"not evaluated: {', '.join(names)} ({reason})" for reason, names in others.items()]
+    shown.caption = "\n".join(lines) or None
     return shown
+
+
+def _rank(candidate: Candidate) -> tuple[float, float]:
+    return candidate.rank
+
+
+def _fingerprint(design: Design, candidate: Candidate) -> tuple[object, ...]:
+    """Return the ratio, settling time and penalties of a candidate to six digits."""
+    penalties = np.ravel(_penalties(design, candidate))
+    return (*candidate.rank, *(f"{penalty:.6g}" for penalty in penalties))
+
+
+def _result(design: Design, best: Candidate) -> str:
+    """Return the result of a kind; only potentially fastest candidates have a trial run."""
+    if best is design.best:
+        return "selected"
+    if np.isnan(best.settling):
+        return "no trial run" if np.isfinite(best.ratio) else "unstable"
+    return "slower" if best.settling < np.inf else "slower or not settled"
 
 
 def _reason(
@@ -69,13 +113,6 @@ def _reason(
     if best.settling < np.inf and best.ratio < NEAR_LIMIT:
         return f"the {best.kind.value} is within a factor {NEAR_LIMIT / 2:g} of the limit"
     return "cannot be built for this network"
-
-
-def _settling(candidate: Candidate) -> str:
-    """Return the result of a trial run; only potentially fastest candidates have one."""
-    if np.isnan(candidate.settling):
-        return "no trial run"
-    return f"{candidate.settling:.0f}" if candidate.settling < np.inf else "not settled or slower"
 
 
 def write_design(

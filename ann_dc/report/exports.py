@@ -18,7 +18,7 @@ def formats_table() -> Table:
 
     Settings are shown with their defaults.
     """
-    shown = table("format", "what it is", "carries", "loses", "settings")
+    shown = table("format", "content", "preserves", "omits", "settings")
     for name, form in FORMATS.items():
         settings = "\n".join(_setting(form, key) for key in form.settings)
         shown.add_row(name, form.title, form.carries, form.loses, settings or "-")
@@ -35,15 +35,13 @@ def _setting(form: Format, key: str) -> str:
 
 def inspections_table(found: Sequence[Inspection]) -> Table:
     """Return a table of several inspections, with a common verdict."""
-    shown = table("format", "as it was", "what was found")
+    shown = table("format", "unchanged", "result")
     for each in found:
         good = Text("yes", "green") if each.good else Text("no", "red")
         said = each.wrong or each.facts.get("checked", "")
         shown.add_row(printable(each.kind), good, Text(printable(said)))
     wrong = [each.kind for each in found if not each.good]
-    verdict = (
-        f"not as it was: {', '.join(wrong)}" if wrong else f"all {len(found)} are as they were"
-    )
+    verdict = f"changed: {', '.join(wrong)}" if wrong else f"all {len(found)} are unchanged"
     shown.caption = printable(verdict)
     return shown
 
@@ -52,4 +50,4 @@ def inspection_table(found: Inspection) -> Table:
     """Return a table of one inspection."""
     good = Text("yes", "green") if found.good else Text(printable(f"no: {found.wrong}"), "red")
     place = {"place": str(found.place), "format": found.kind}
-    return named_rows({**place, **found.facts, "as it was": good})
+    return named_rows({**place, **found.facts, "unchanged": good})

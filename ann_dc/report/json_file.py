@@ -81,9 +81,9 @@ def make_room(
 
 def _make_room(file: Path) -> None:
     if file == STDOUT:
-        raise OutputError("-: only --json can write to stdout; give the name of a file")
+        raise OutputError("-: only --json can write to stdout; use a file name")
     if file.is_dir():
-        raise OutputError(f"{file}: is a folder; give the name of a file")
+        raise OutputError(f"{file}: is a folder; use a file name")
     folder = make_folder(file.parent)
     is_device = file.exists() and not file.is_file()
     _check_access(file if is_device else folder, file)
@@ -91,4 +91,4 @@ def _make_room(file: Path) -> None:
 
 def _check_access(written: Path, given: Path) -> None:
     if not os.access(written, os.W_OK):
-        raise OutputError(f"{given}: cannot be written (permission denied); give another place")
+        raise OutputError(f"{given}: cannot be written (permission denied); use another path")

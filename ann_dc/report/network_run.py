@@ -73,7 +73,7 @@ class NetworkRunReport:
         said = str(self.run.status if isinstance(self.run, Run) else self.run)
         if self.good or self.duration is not None:
             return said
-        return f"{said}; to run the network for a given time, give --duration T"
+        return f"{said}; for a run of a given time add --duration T"
 
     @cached_property
     def settling_time(self) -> float:
@@ -90,7 +90,7 @@ class NetworkRunReport:
     def tables(self) -> list[Table]:
         """Return the tables that ``ann-dc run`` prints."""
         run, left = self.run, max(len(self.values) - ROWS, 0)
-        hidden = f"; {left} are not listed (--json and --trajectory have all)" * bool(left)
+        hidden = f"; {left} are not listed (--json, --trajectory)" * bool(left)
         settling = self.settling_time  # finer runs of a circuit, before its sentence
         rows: dict[str, object] = {
             "network": self.network.title,

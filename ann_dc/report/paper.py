@@ -15,11 +15,11 @@ from ann_dc.si_prefixes import counted
 from ann_dc.two_level.run import TwoLevelRun
 
 LEGEND = """\
-corrected:      the equations that hold, with designed gains (D: wheel base in m).
-printed:        equations (16), (17) to the letter: rho = 0 and unit time constants.
-designed gains: the same with the gains of the corrected network; rho is no part of the letter.
+corrected:      corrected equations with designed gains (D: wheel base in m).
+printed:        equations (16), (17) as printed: rho = 0 and unit time constants.
+designed gains: the same with the gains of the corrected network (rho is not printed).
 without dB/dq:  corrected but for one term of (11), S3; the straight path of Figure 4.
-plain:          the equations that hold, with rho = 0 and unit time constants.
+plain:          corrected equations with rho = 0 and unit time constants.
 Settling times are in unit time constants (tau = 1), and in tau_min, the fastest time constant."""
 
 
@@ -27,7 +27,7 @@ def paper_table(runs: list[PaperRun]) -> Table:
     """Return a table of objective, residuals, settling and outcome of every run."""
     shown = table(
         "run", "objective", "KKT\nresidual", "simulation\nerror", "unit time\nconstants",
-        "tau_min", "what happened", dense=True,
+        "tau_min", "result", dense=True,
     )  # fmt: skip
     shown.columns[0].max_width = 9
     for column in shown.columns[1:6]:
@@ -57,10 +57,10 @@ def _around_text(case: Around) -> str:
     segments, discs = case.ways.values()
     solution = case.discs
     return (
-        f"as printed, {case.leap:.2f} m of the way are in no plan; with segments planned: room "
-        f"{case.room(segments):.3f} m along whole segments, {segments.u.shape[1]} stages; "
-        f"obstacles as constraints of one network: {solution.status.outcome.value}, "
-        f"{solution.verdict}, E = {solution.objective:.2f}, room {case.room(discs):.3f} m; "
+        f"as printed, {case.leap:.2f} m of the path are without a plan; with segments planned: "
+        f"clearance {case.room(segments):.3f} m along the segments, {segments.u.shape[1]} "
+        f"stages; obstacles as constraints of one network: {solution.status.outcome.value}, "
+        f"{solution.verdict}, E = {solution.objective:.2f}, clearance {case.room(discs):.3f} m; "
         f"simulation errors {case.error(segments):.0e} and {case.error(discs):.0e}"
     )
 
@@ -99,7 +99,7 @@ def iterations_table(found: Iterations) -> Table:
         {
             "Theorem IV.1": f"{found.following}; {_followed(found.gradient)}",
             "Theorem IV.2": found.hypothesis,
-            "as (32) has it": f"with diag(0.99, 0.1) at every state: {found.printed_hypothesis}",
+            "as in (32)": f"with diag(0.99, 0.1) at every state: {found.printed_hypothesis}",
             **cases,
             "(28)-(30), (33) printed": _letter_text(found.letter),
         }
@@ -133,8 +133,8 @@ def _letter_text(run: TwoLevelRun) -> str:
         return run.message(0)
     return (
         f"{run.message(0)}; lambda from {gain[0]:.3g} to {gain[-1]:.3g}, Theta from "
-        f"{found.theta[0, 0]:.3g} to {found.theta[-1, 0]:.3g}: the stages never read the map, and "
-        "t and beta drive each other"
+        f"{found.theta[0, 0]:.3g} to {found.theta[-1, 0]:.3g}: the stages do not use the map, "
+        "and t and beta diverge together"
     )
 
 

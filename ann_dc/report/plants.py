@@ -17,15 +17,15 @@ Plant = Callable[..., OptimalControlProblem]
 COMMON = {
     "dt": "Sampling interval.",
     "N": "Horizon: the number of stages.",
-    "q_0": "State at the start; 'free' leaves a component open.",
-    "q_d": "State at the end; 'free' leaves a component open.",
+    "q_0": "Initial state; 'free' for an open component.",
+    "q_d": "Terminal state; 'free' for an open component.",
 }
 """Meaning of the parameters that every plant has."""
 
 
 def plant_table(known: Iterable[Plant]) -> Table:
     """Return a table with one row per plant."""
-    listed = table("plant", "states", "controls", "N", "dt", "what it is", dense=True)
+    listed = table("plant", "states", "controls", "N", "dt", "description", dense=True)
     listed.columns[0].no_wrap = True
     listed.columns[1].min_width = listed.columns[2].min_width = 13
     for plant in known:
@@ -47,7 +47,7 @@ def plant_page(plant: Plant, defaults: Mapping[str, str]) -> list[Any]:
     name, value = next(iter(defaults.items()))
     example = f"ann-dc solve {plant.__name__} --set {name}={value}"
     units = f"units: {unit_list(plant())}"
-    return [_summary(plant), str(plant()), units, parameters, f"change one with --set: {example}"]
+    return [_summary(plant), str(plant()), units, parameters, f"example: {example}"]
 
 
 def plant_dict(plant: Plant, defaults: Mapping[str, str]) -> dict[str, Any]:

@@ -59,7 +59,11 @@ def solution_report(
         f"(feasibility {certificate.constraint_residual:.1e}, "
         f"stationarity {certificate.stationarity_residual:.1e})",
         **_inequalities(certificate.complementarity),
-        **({} if certificate.soft_rows is None else {"soft rows": certificate.soft_rows.reported}),
+        **(
+            {}
+            if certificate.soft_rows is None
+            else {"soft constraints": certificate.soft_rows.reported}
+        ),
         "second order": certificate.verdict,
         "Newton step": f"{certificate.newton_step:.1e} of a component's range at most",
         "simulation error": f"{solution.rollout_error:.1e} of a state's scale (terminal state of "
@@ -107,7 +111,7 @@ def stage_table(solution: Solution, stages: Stages = Stages.SHORT) -> Table:
         shown.add_row(*([str(k), *cells] if k >= 0 else ["..."]))
     notes = ["all stages: --table all"] * (len(rows) < count)
     notes += [f"{hidden} more columns: --trajectory FILE"] * (hidden > 0)
-    shown.caption, shown.caption_justify = "; ".join(notes) or None, "left"
+    shown.caption = "; ".join(notes) or None
     return shown
 
 
@@ -120,7 +124,7 @@ def _inequalities(kept: Complementarity | None) -> dict[str, str]:
     if kept is None:
         return {}
     return {
-        "inequalities": f"{kept.counts}; violated by {kept.violation:.1e} of a range, wrong signs "
+        "inequalities": f"{kept.counts}; violation {kept.violation:.1e} of a range, wrong signs "
         f"{kept.wrong_sign:.1e}, complementarity {kept.product:.1e}"
     }
 
@@ -130,7 +134,7 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
     if design is not None and design.first.found_by:
         times["optimum found by"] = design.first.found_by
     if design is not None and design.start:
-        times["network starts from"] = f"{design.start} as presets, not from the given start"
+        times["initial state"] = f"{design.start} (preset), not the given initial guess"
         times["neighbourhood"] = str(neighbourhood(design))
     if recurrence is not None:
         times["recurrence"] = recurrence

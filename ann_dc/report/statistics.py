@@ -181,14 +181,14 @@ STANDING_OUT = 8
 """Number of cases listed as slowest, or as worst for a metric."""
 
 SAYS = {
-    "point": ("", "Number of the point, in the order of the design."),
-    "seed": ("", "Of all that was drawn there."),
-    "outcome": ("", "How it ended."),
-    "message": ("", "How it ended, in a sentence with names and numbers."),
-    "wall_time": ("s", "Time that the point took on the machine that ran it."),
-    "worker": ("", "Which process ran it."),
-    "host": ("", "Which machine ran it."),
-    "versions": ("", "What it was run with."),
+    "point": ("", "Number of the case, in the order of the design."),
+    "seed": ("", "Seed of all random numbers of the case."),
+    "outcome": ("", "Outcome of the run."),
+    "message": ("", "Status message with names and numbers."),
+    "wall_time": ("s", "Execution time of the case."),
+    "worker": ("", "Process that ran the case."),
+    "host": ("", "Machine that ran the case."),
+    "versions": ("", "Software versions of the run."),
 }
 """Unit and meaning of the columns that every study has."""
 
@@ -305,7 +305,7 @@ class Findings:
             return []
         masks = [("settled", self.settled)]
         masks += [(f"settled, {limit}", self.settled & limit.met) for limit in self.limits]
-        masks += [("all of it", self.within)] if len(self.limits) > 1 else []
+        masks += [("total", self.within)] if len(self.limits) > 1 else []
         draws = draws_of(self._cells)
         return [(name, _yield_of(good, draws)) for name, good in masks]
 
@@ -343,7 +343,7 @@ class Findings:
     def outliers(self) -> list[Outliers]:
         """Slowest cases, and the worst ones by limit or else by metric."""
         limited = [limit.column for limit in self.limits]
-        about = [(f"Furthest out of, or nearest to, {limit}", limit) for limit in self.limits]
+        about = [(f"Farthest outside, or nearest to, {limit}", limit) for limit in self.limits]
         about += [(f"Largest {m.name}", m) for m in self.metrics if m not in limited]
         about = about[:WORST_FOR]
         about = [*([("Slowest", self.seconds)] if self.seconds else []), *about]

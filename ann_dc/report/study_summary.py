@@ -24,7 +24,7 @@ MOST = 20
 def summary(study: Study, found: Table) -> list[Shown | str]:
     """Return outcomes, medians with their spread, and the yield as printable objects."""
     shown: list[Shown | str] = [f"{study.title}: {len(found)} of {counted(len(study), 'points')}"]
-    outcomes = table("outcome", "points", "share")
+    outcomes = table("outcome", "points", "fraction")
     for outcome, count in found.outcomes.items():
         outcomes.add_row(outcome, str(count), f"{count / len(found):.1%}")
     shown.append(outcomes)
@@ -91,7 +91,7 @@ def settings_dict(subject: Subject, metrics: Mapping[str, Metric]) -> dict[str, 
 
 def settings_table(subject: Subject, metrics: Mapping[str, Metric]) -> list[Shown]:
     """Return tables of the settings of a subject and of the metrics."""
-    settings = table("setting", "what it is", "names")
+    settings = table("setting", "description", "names")
     for word, family in FAMILIES.items():
         names = [
             f"{name} ({', '.join(WORDS[whole])})" if (whole := f"{word}.{name}") in WORDS else name

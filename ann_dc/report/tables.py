@@ -6,10 +6,9 @@ All commands use these elements, which fit into 80 characters.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
@@ -18,20 +17,36 @@ from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def table(*columns: str, dense: bool = False) -> Table:
-    """Return an empty table; a dense table fits many columns into 80 characters."""
-    shown = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=0) if dense else Table()
+    """Return an empty table without borders; a dense table fits more columns into a line."""
+    shown = Table(box=None, padding=(0, 1 if dense else 2, 0, 0), pad_edge=False)
+    shown.title_justify = shown.caption_justify = "left"
     for column in columns:
         shown.add_column(column, overflow="fold")
     return shown
 
 
-def named_rows(rows: Mapping[str, object]) -> Table:
-    """Return a table of names and literal values, without borders."""
+def named_rows(rows: Mapping[str, object], width: int = 0) -> Table:
+    """Return a table of names and literal values, without borders.
+
+    ``width`` is the least width of the names, for alignment with another table.
+    """
     shown = Table(show_header=False, box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    shown.add_column(no_wrap=True, style="bold")
+    shown.add_column(no_wrap=True, style="bold", min_width=width)
     shown.add_column(overflow="fold")
     for name, value in rows.items():
         shown.add_row(name, value if isinstance(value, Text) else Text(printable(str(value))))
+    return shown
+
+
+def compared_rows(
+    sources: Sequence[str], rows: Mapping[str, Sequence[str]], width: int = 0
+) -> Table:
+    """Return a table of named quantities with a value from every source, and a note."""
+    shown = table("", *sources, "")
+    shown.columns[0].style, shown.columns[0].min_width = "bold", width
+    shown.columns[0].no_wrap = True
+    for name, values in rows.items():
+        shown.add_row(name, *(printable(value) for value in values))
     return shown
 
 

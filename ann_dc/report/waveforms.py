@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from rich.text import Text
 
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.evaluation.rules import NEAR
@@ -15,28 +14,36 @@ from ann_dc.fidelity.waveform_prediction import final_difference, follows_until
 from ann_dc.report.json_file import picked
 from ann_dc.si_prefixes import engineering
 
+NEAR_TEXT = f"{100 * NEAR:.0f} %"
+"""Largest error of a circuit near the optimum, in words."""
+
+
+def waveform_errors(found: CircuitStudy) -> dict[str, tuple[str, str, str]]:
+    """Return the errors of the waveforms in ngspice and as predicted, with their references."""
+    measured, predicted = measured_waveforms(found), predicted_waveforms(found)
+    mean = "-" if measured is None else f"{math.sqrt(measured['mean_square_error']):.1e}"
+    both = [_errors(each) for each in (measured, predicted)]
+    finals, times = zip(*both)
+    return {
+        "final error": (*finals, f"largest of the {found.terms}, relative to the largest, "
+                        "against the ODE"),
+        "accurate until": (*times, f"unit time constants: {found.terms} within {NEAR_TEXT} of "
+                           "the ODE"),
+        "trajectory error": (mean, "-", "rms, relative to the rms value of the ODE"),
+    }  # fmt: skip
+
 
 def waveform_rows(found: CircuitStudy) -> dict[str, object]:
-    """Return the rows on the waveforms of a circuit, in ngspice and as predicted."""
-    rows: dict[str, object] = {"outcome": "not simulated"}
-    measured, predicted = measured_waveforms(found), predicted_waveforms(found)
-    if found.run is not None and measured is not None:
-        rows = {
-            "outcome": Text("completed", "green"),
-            "duration": _length(found),
-            "ngspice": _sentence(found, measured),
-            "trajectory": f"rms error {math.sqrt(measured['mean_square_error']):.1e} of the ODE's "
-            "rms value",
-            "overload": overloads(found.run),
-        }
-    nothing = f"nothing: {found.unpredicted}"
-    rows["predicted"] = nothing if predicted is None else _sentence(found, predicted)
+    """Return the duration and the checks of a circuit that runs for a given duration."""
+    rows: dict[str, object] = {"duration": _length(found)}
+    if predicted_waveforms(found) is None:
+        rows["prediction"] = f"not available: {found.unpredicted}"
     if np.isfinite(found.final_difference):
         rows["difference"] = (
-            f"final {found.terms} of ngspice and prediction differ by "
-            f"{found.final_difference:.1e} of the largest"
+            f"{found.final_difference:.1e} between the final {found.terms} of ngspice and "
+            "prediction, relative to the largest"
         )
-    return rows
+    return rows | ({} if found.run is None else {"overload": overloads(found.run)})
 
 
 def overloads(run: CircuitRun) -> str:
@@ -50,13 +57,12 @@ def _length(found: CircuitStudy) -> str:
     return f"{end:.6g} unit time constants, {engineering(unit * end, 's')}"
 
 
-def _sentence(found: CircuitStudy, waveforms: dict[str, float]) -> str:
-    """Return the final error against the ODE, and the time until which it is followed."""
-    error, until = waveforms["final_error"], waveforms["follows_until"]
-    away = f"within {NEAR:.0%} of them all the way"
-    if math.isfinite(until):
-        away = f"within {NEAR:.0%} of them until {until:.4g} unit time constants"
-    return f"final {found.terms} {error:.1e} of the largest off the ODE's, {away}"
+def _errors(waveforms: dict[str, float] | None) -> tuple[str, str]:
+    """Return the final error and the time until which the ODE is followed."""
+    if waveforms is None:
+        return "-", "-"
+    until = waveforms["follows_until"]
+    return f"{waveforms['final_error']:.1e}", f"{until:.4g}" if math.isfinite(until) else "the end"
 
 
 def measured_waveforms(found: CircuitStudy) -> dict[str, float] | None:

@@ -72,8 +72,8 @@ def _check_agreement(solution: Solution) -> None:
     expected = (problem.n, problem.horizon + 1)
     if missing or network.stages != problem.horizon:
         raise FileFormatError(
-            f"the network has {network.stages} stages of {', '.join(network.neuron_index)}, which "
-            f"is none of the problem ({problem}); save the solution again"
+            f"the network has {network.stages} stages of {', '.join(network.neuron_index)}, "
+            f"which does not belong to the problem ({problem}); save the solution again"
         )
     if solution.certificate.rollout.shape != expected:
         raise FileFormatError(

@@ -12,7 +12,7 @@ from ann_dc.backends import status
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Backend, Run
 from ann_dc.backends.settling import Settling, settling_time
-from ann_dc.backends.status import Outcome, Status
+from ann_dc.backends.status import EXPLANATIONS, Outcome, Status
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
@@ -126,7 +126,7 @@ def _stayed(found: Solution, backend: Backend) -> Solution:
     if certificate is None:
         return found
     reported = status.settled(float(run.trajectory.kkt[-1]), found.status.time)
-    why = "the residual stayed below tolerance; rounding kept it from falling further"
+    why = "the residual stayed below the tolerance; rounding limits its further decrease"
     settled = replace(run, status=reported, settling_time=time, verified=why)
     return replace(found, run=settled, certificate=certificate)
 
@@ -199,7 +199,9 @@ def _known(failed: Solution) -> Solution | None:
             state = design.state
         certificate = certificate_of(failed.problem, network, state)
         if certificate.certified:
-            reported = found_without(design.first.found_by or "the first run", failed.status)
+            reported = found_without(
+                design.first.found_by or "the gain-scheduled run", failed.status
+            )
             run = _recorded(network, state, reported)
             return replace(failed, run=run, certificate=certificate)
     return None
@@ -212,8 +214,8 @@ def found_without(by: str, network: Status) -> Status:
     """
     if network.outcome is Outcome.STOPPED:
         return replace(network, message=f"{network.message}; the optimum was found by {by}")
-    why = f"no network with constant gains was seen to settle there ({network.message})"
-    message = f"found by {by}; {why}"
+    why = f"no network with constant gains settled there ({network.message})"
+    message = f"found by {by}; {why}; {EXPLANATIONS[Outcome.FOUND].next_step}"
     return Status(outcome=Outcome.FOUND, message=message, neuron=None, time=network.time)
 
 

@@ -75,7 +75,7 @@ NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 FORMAT = "ann_dc solution"
 SCHEMA = 2
 MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
-REMEDY = "give the path of a folder that a solution was saved to"
+REMEDY = "use the path of a folder with a saved solution"
 MAX_MANIFEST = 10_000_000
 """Largest size of `MANIFEST` in bytes."""
 LONGEST_SUMS = 10_000
@@ -160,7 +160,7 @@ class Reader:
         if kind is float:
             return values
         if values.shape[-1:] != (2,):
-            raise FileFormatError(f"entry {place!r}: complex numbers need their two parts")
+            raise FileFormatError(f"entry {place!r}: expected two parts of a complex number")
         return values[..., 0] + 1j * values[..., 1]
 
     def _check_shapes(self, kind: type, values: Mapping[str, Any], place: str) -> None:
@@ -202,7 +202,7 @@ def _plain(kind: type, given: Any, place: str) -> Any:
         try:
             return float(given)
         except OverflowError:
-            given = "a whole number beyond any float"
+            given = "a whole number beyond the range of a float"
     return typed(kind, given, place)
 
 
@@ -221,9 +221,9 @@ def check_result_folder(folder: str | os.PathLike[str], *, overwrite: bool = Fal
     With `overwrite` the folder of a saved result is accepted, but no other existing folder or file.
     """
     if _is_saved(Path(folder)):
-        remedy = "give overwrite=True or --overwrite to replace it, or the name of a new folder"
+        remedy = "use overwrite=True or --overwrite to replace it, or a new folder"
     else:
-        remedy = "it is not a saved solution and is not replaced; give the name of a new folder"
+        remedy = "it is not a saved solution and is not replaced; use a new folder"
         overwrite = False
     check_new(folder, replace=overwrite, remedy=remedy)
 
@@ -327,11 +327,13 @@ def _files(folder: Path) -> dict[str, bytes]:
     for line in sums.removesuffix("\n").split("\n"):
         found = SUM.fullmatch(line)
         if found is None or found[2] in files:
-            raise FileFormatError(f"{SUMS}: {line!r:.120} is no line of it; save the result again")
+            raise FileFormatError(
+                f"{SUMS}: {line!r:.120} is not a valid line; save the result again"
+            )
         largest = MAX_MANIFEST if found[2] == MANIFEST else MAX_BYTES
         content = read_whole(folder / found[2], largest, "save the result again")
         if _digest(content) != found[1]:
-            raise FileFormatError(f"{found[2]}: is not what was saved; save the result again")
+            raise FileFormatError(f"{found[2]}: changed after it was saved; save the result again")
         files[found[2]] = content
     return files
 
@@ -391,7 +393,7 @@ class Writer:
         if isinstance(value, numbers.Integral):
             return int(value)
         if not isinstance(value, numbers.Real):
-            raise OutputError(f"{place}: {value!r} is no real number, and cannot be saved")
+            raise OutputError(f"{place}: {value!r} is not a real number and cannot be saved")
         return float(value) if math.isfinite(value) else str(float(value))
 
     def _array(self, values: np.ndarray, place: str) -> str:

@@ -322,8 +322,8 @@ class Solution(Record):
             lines.append(f"step length            {self.chosen_step}")
         if self.status.settled:
             lines.append(
-                f"settling to tolerance  {self.normalised_settling_time:.0f} fastest "
-                f"time constants = {self.settling_time:.4g} unit time constants"
+                f"settling to tolerance  {self.normalised_settling_time:.0f} tau_min (fastest "
+                f"time constant) = {self.settling_time:.4g} unit time constants"
             )
         if (predicted := self.predicted_settling) is not None:
             lines.append(f"predicted              {predicted:.4g} unit time constants")

@@ -23,7 +23,7 @@ from ann_dc.fidelity.prediction import (
 from ann_dc.network.network import Network
 from ann_dc.study.sample import End, Sample, word_of
 
-REPELS = "settled point repels"
+REPELS = "unstable equilibrium"
 """Outcome of an emulated circuit whose equilibrium is unstable."""
 NO_EQUILIBRIUM = "no equilibrium"
 """Outcome of an emulated circuit without an equilibrium near the optimum."""

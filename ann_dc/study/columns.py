@@ -35,7 +35,7 @@ class Columns:
                 raise StoreError(f"columns: expected printable names, got {name!r}")
         twice = [name for place, name in enumerate(self.names) if name in self.names[:place]]
         if twice:
-            raise StoreError(f"columns: {twice[0]!r} occurs twice; give each a name of its own")
+            raise StoreError(f"columns: {twice[0]!r} occurs twice; use different names")
         if self.names[:1] != (POINT,) or OUTCOME not in self.names or len(self.names) > MOST:
             raise StoreError(
                 f"columns: expected {POINT!r}, then others with {OUTCOME!r} among them, at most "
@@ -67,7 +67,7 @@ class Columns:
             )
         found = [_cell(name, row.get(name)) for name in self.names]
         if type(found[0]) is not int or found[0] < 0:
-            raise StoreError(f"{POINT}: expected a whole number from zero on, got {found[0]!r}")
+            raise StoreError(f"{POINT}: expected a whole number of at least 0, got {found[0]!r}")
         return found
 
     def kinds(self, table: Sequence[Sequence[Value]], before: Kinds) -> Kinds:

@@ -46,10 +46,10 @@ def named_errors(folder: Path) -> Iterator[None]:
         raise
     except sqlite3.IntegrityError as error:
         raise StoreError(
-            f"{str(folder)!r}: a point has one row; discard the old one first ({error})"
+            f"{str(folder)!r}: a case has one record; discard the old one first ({error})"
         ) from error
     except UnicodeDecodeError as error:
-        raise StoreError(f"{str(folder)!r}: the store is damaged ({error})") from error
+        raise StoreError(f"{str(folder)!r}: the database is damaged ({error})") from error
     except (sqlite3.Error, OSError) as error:
         reason = getattr(error, "strerror", None) or error
         raise StoreError(f"{str(folder)!r}: {reason}; {_remedy(error)}") from error
@@ -58,15 +58,15 @@ def named_errors(folder: Path) -> Iterator[None]:
 def _remedy(error: Exception) -> str:
     name = getattr(error, "sqlite_errorname", "")
     if name.startswith(("SQLITE_NOTADB", "SQLITE_CORRUPT")):
-        return f"{FILE} in it is not the store of a study, or damaged; give another folder"
+        return f"{FILE} is not a study database, or is damaged; use another folder"
     if name.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
         return (
-            "is the disk full, or a limit of file sizes reached? Everything stored before is "
-            "there: make room, and run the study again"
+            "the disk may be full, or a limit of file sizes reached; earlier records are "
+            "stored: free space and run the study again"
         )
     if name.startswith("SQLITE_BUSY"):
-        return "another process writes to it; end that, and try again"
-    return "give a folder of your own that may be written to"
+        return "another process writes to it; terminate that process and try again"
+    return "use a writable folder"
 
 
 def writable(folder: Path) -> sqlite3.Connection:
@@ -85,7 +85,7 @@ def readable(folder: Path) -> sqlite3.Connection:
     """
     file = folder / FILE
     if not file.is_file():
-        raise StoreError(f"{str(folder)!r}: there is no study in it ({FILE} is missing)")
+        raise StoreError(f"{str(folder)!r}: expected a study ({FILE} is missing)")
     address = f"file:{quote(str(file.absolute()))}?mode=ro"
     database = sqlite3.connect(address, uri=True, isolation_level=None, timeout=PATIENCE)
     with _closed_on_error(database):
@@ -160,24 +160,24 @@ def about_of(database: sqlite3.Connection, folder: Path) -> About:
     found = database.execute("SELECT type, name FROM sqlite_master").fetchall()
     tables = {name for kind, name in found if kind == "table"}
     if tables != TABLES or not {kind for kind, _ in found} <= {"table", "index"}:
-        raise StoreError(
-            f"{str(folder)!r}: {FILE} in it is not the store of a study; give another folder"
-        )
+        raise StoreError(f"{str(folder)!r}: {FILE} is not a study database; use another folder")
     meta = dict(database.execute("SELECT name, value FROM meta"))
     if meta.get("layout") != LAYOUT:
         raise StoreError(
-            f"{str(folder)!r}: the store has layout {meta.get('layout')}, this version of ann_dc "
-            f"reads layout {LAYOUT}; use the version that wrote it, or give another folder"
+            f"{str(folder)!r}: the database has layout {meta.get('layout')}, this version of "
+            f"ann_dc reads layout {LAYOUT}; use the version that wrote it, or another folder"
         )
     try:
         _mapping(meta["identity"])
         kinds = {name: [*map(str, words)] for name, words in _mapping(meta["kinds"]).items()}
         about = About(meta["identity"], Columns(json.loads(meta["columns"])), kinds)
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise StoreError(f"{str(folder)!r}: the store is damaged ({error!r:.80})") from error
+        raise StoreError(f"{str(folder)!r}: the database is damaged ({error!r:.80})") from error
     there = [name for _, name, *_ in database.execute("PRAGMA table_info(rows)")]
     if len(there) != len(about.columns.names):
-        raise StoreError(f"{str(folder)!r}: the store is damaged: columns of its rows are missing")
+        raise StoreError(
+            f"{str(folder)!r}: the database is damaged: columns of its rows are missing"
+        )
     return about
 
 

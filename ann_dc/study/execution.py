@@ -69,7 +69,7 @@ def _verdict(job: _Job, attempt: Attempt, limit: float | None) -> tuple[list[Fin
         size = -(-len(points) // PARTS)
         return [], [_Job(Task(points[at : at + size])) for at in range(0, len(points), size)]
     is_late = attempt.outcome == TIMED_OUT
-    message = f"{limit:g} s were over (limit)" if is_late else attempt.message
+    message = f"the time limit of {limit:g} s expired" if is_late else attempt.message
     row = without_result(first, attempt.outcome, message).row
     return [Finished(row | attempt.circumstances)], []
 
@@ -213,8 +213,8 @@ class _Foreign:
 
 def _broken(error: Exception) -> StudyError:
     return StudyError(
-        f"the executor takes no more tasks ({type(error).__name__}: {error}); what is finished is "
-        "kept: run the study again with another one, or without"
+        f"the executor accepts no more tasks ({type(error).__name__}: {error}); finished cases "
+        "are stored: run the study again with another executor, or without"
     )
 
 

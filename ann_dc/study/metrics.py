@@ -112,7 +112,7 @@ def _tolerance(sample: Sample) -> float:
 
 def _refuse_oracle(sample: Sample) -> None:
     if sample.setting.get("design.form") == "S16":
-        raise StudyError("the gain (33) of S16 is none of the network's, which this looks at")
+        raise StudyError("the gain (33) of S16 is not a gain of the network")
 
 
 @_metric(UNIT_TIME)
@@ -141,7 +141,7 @@ def largest_step(sample: Sample) -> float:
     return sample.spectrum.largest_step
 
 
-@_metric("fastest time constants")
+@_metric("tau_min")
 def normalised_settling_time(sample: Sample) -> float:
     """Return the settling time times the largest final absolute eigenvalue."""
     return sample.settling_time * sample.spectrum.radius
@@ -169,13 +169,13 @@ def resting_decay_rate(sample: Sample) -> float:
     return -sample.equilibrium_spectrum.abscissa
 
 
-@_metric("share of the size of the controls", curves=True)
+@_metric("relative to the largest control", curves=True)
 def control_overshoot(sample: Sample) -> float:
     """Return the excess of controls over their end, relative to the largest end."""
     return overshoot(sample.trajectory)
 
 
-@_metric("share of the size of the controls")
+@_metric("relative to the largest control")
 def control_error(sample: Sample) -> float:
     """Return the largest final control error against the ideal network, over the size.
 
@@ -186,7 +186,7 @@ def control_error(sample: Sample) -> float:
     return float(np.abs(sample.controls - right).max() / size)
 
 
-@_metric("share of the size of the controls", curves=True)
+@_metric("relative to the largest control", curves=True)
 def tracking_error(sample: Sample) -> float:
     """Return the rms control error against the optimum of the moment, over the run's second half.
 
@@ -195,7 +195,7 @@ def tracking_error(sample: Sample) -> float:
     return tracked(sample.trajectory, ideal=sample.ideal[0]).rms
 
 
-@_metric("share of a range")
+@_metric("relative to the range")
 def accuracy_floor(sample: Sample) -> float:
     """Return the largest component of the Newton step to the optimum, over its range."""
     return sample.certificate.newton_step
@@ -231,7 +231,9 @@ def power(sample: Sample) -> float:
     """
     watts = sample.built.power
     if np.isnan(watts):
-        raise StudyError("the level does not say what its parts draw; see circuit.amplifier_power")
+        raise StudyError(
+            "the level does not state the power of its parts; see circuit.amplifier_power"
+        )
     return watts
 
 
@@ -254,7 +256,7 @@ def _theta(sample: Sample) -> np.ndarray:
     The result is in squared network units, see paper equation (19).
     """
     if not sample.settled:
-        raise StudyError("Theta is the distance from where it settles, and it did not")
+        raise StudyError("Theta is the distance to the settled state, and the run did not settle")
     trajectory = sample.trajectory
     coordinating = trajectory.network.of_population(*COORDINATION)
     error = trajectory.states[:, coordinating] - trajectory.final[coordinating]
@@ -343,10 +345,10 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
     """
     metrics = tuple(replace(_known(metric)) for metric in given)
     if not metrics:
-        raise StudyError("metrics: name one at least; METRICS has all")
+        raise StudyError("metrics: expected one or more; METRICS lists all")
     names = [metric.name for metric in metrics]
     if len(set(names)) < len(names):
-        raise StudyError(f"metrics: one is named twice in {', '.join(names)}")
+        raise StudyError(f"metrics: duplicate name in {', '.join(names)}")
     return metrics
 
 
@@ -354,9 +356,9 @@ def _known(metric: object) -> Metric:
     if isinstance(metric, Metric):
         return metric
     if not isinstance(metric, str):
-        raise StudyError(f"metrics: expected names, or a Metric of your own, got {metric!r}")
+        raise StudyError(f"metrics: expected names, or a Metric, got {metric!r}")
     if metric not in METRICS:
         near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
         hint = f"; did you mean {' or '.join(near)}?" if near else "."
-        raise StudyError(f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}")
+        raise StudyError(f"metrics: unknown metric {metric!r}{hint} There are {', '.join(METRICS)}")
     return METRICS[metric]

@@ -49,8 +49,8 @@ def pickled(work: Work) -> bytes:
             import cloudpickle  # comes with Dask; takes functions that have no name
         except ImportError:
             raise StudyError(
-                f"what is to be done cannot be sent to other processes ({error}); write its "
-                "functions into a module, not into another function"
+                f"the task cannot be sent to other processes ({error}); define its functions in "
+                "a module, not in another function"
             ) from error
         return cloudpickle.dumps(work)
 
@@ -69,7 +69,7 @@ class Worker:
             was_killed = (self._process.exitcode or 0) < 0
             self.end()
             if not (was_killed and starts_left):
-                raise StudyError(f"no process can do the work: {problem}")
+                raise StudyError(f"no process can run the tasks: {problem}")
 
     def _start(self, work: bytes) -> str:
         """Start the process and return the reason why it cannot execute the work, or nothing."""
@@ -82,9 +82,9 @@ class Worker:
         try:
             if self._connection.poll(START):
                 return self._connection.recv()
-            return f"one was not there after {START:g} s"
+            return f"a process did not start within {START:g} s"
         except (EOFError, OSError):
-            return f"one {self._ending()} before it began"
+            return f"a process {self._ending()} before it started"
 
     def _ending(self) -> str:
         """Wait for the process to end and return the description of its end.

@@ -99,7 +99,10 @@ def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
             raise StudyError(f"gains.{name}: a factor is a positive number, got {factor!r}")
     if "coarse" in factors:
         if not isinstance(network.preconditioner, Multilevel):
-            raise StudyError("gains.coarse: no coarse levels; set design.kind to multilevel")
+            raise StudyError(
+                "gains.coarse: the preconditioner has no coarse levels; set design.kind to "
+                "multilevel"
+            )
         gains = tuple(factors["coarse"] * grid for grid in network.preconditioner.gains)
         network = replace(network, preconditioner=replace(network.preconditioner, gains=gains))
     cell = network.cell
@@ -172,7 +175,7 @@ def noisy(network: Network, density: float, seed: int, duration: float) -> Netwo
     if count > MOST_SAMPLES:
         raise StudyError(
             f"nonideal.noise: a run of {duration:g} has {count:,} samples of noise, above "
-            f"{MOST_SAMPLES:,}; take a shorter run.duration"
+            f"{MOST_SAMPLES:,}; use a shorter run.duration"
         )
     network, rng = nonidealities.noise(network, density), np.random.default_rng(seed)
     times, size = interval * np.arange(count), (count, network.stages)
@@ -352,8 +355,8 @@ class Realisation:
         moving = [n for n in self.subject.wired.waveforms if f"input.{n}" not in setting]
         if moving:
             raise StudyError(
-                f"inputs {', '.join(moving)} change over time, so there is no constant optimum; "
-                "take tracking_error"
+                f"inputs {', '.join(moving)} change over time, so the optimum is not constant; "
+                "use tracking_error"
             )
         given = chosen(setting, "problem", "input")
         if "design.kind" in setting:
@@ -366,7 +369,7 @@ class Realisation:
             controls, size = run.trajectory.control_values[-1], run.trajectory.control_size
             return controls if run.status.settled else np.full(controls.shape, np.nan), size
 
-        return self._cached("right controls", given, settle)
+        return self._cached("correct controls", given, settle)
 
 
 def _settled_design(
@@ -385,7 +388,7 @@ def _settled_design(
     made = design(source, preconditioner=kinds, gain_rule=_gain_rule(kinds, factors))
     if not made.settled:
         reason = f": {made.first.ended}" if made.first.ended else ""
-        raise StudyError(f"design: its first run did not settle{reason}")
+        raise StudyError(f"design: the gain-scheduled run did not settle{reason}")
     return made
 
 

@@ -42,8 +42,8 @@ class Finished(NamedTuple):
 def without_result(point: Point, outcome: str, message: str) -> Finished:
     """Return the record of a case without a result; the message gives the reason.
 
-    >>> without_result(Point(3, {"input.q_d.x": 2.0}, 7), TIMED_OUT, "60 s were over").row
-    {'point': 3, 'seed': 7, 'input.q_d.x': 2.0, 'outcome': 'timed out', 'message': '60 s were over'}
+    >>> without_result(Point(3, {"input.q_d.x": 2.0}, 7), TIMED_OUT, "60 s expired").row
+    {'point': 3, 'seed': 7, 'input.q_d.x': 2.0, 'outcome': 'timed out', 'message': '60 s expired'}
     """
     end = {OUTCOME: outcome, MESSAGE: message}
     return Finished({POINT: point.number, SEED: point.seed, **point.setting, **end})

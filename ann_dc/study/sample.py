@@ -88,7 +88,7 @@ class Sample(ABC):
     @property
     def trajectory(self) -> Trajectory:
         """Recorded trajectory; raises `StudyError` if nothing was recorded."""
-        raise StudyError("nothing was recorded over time")
+        raise StudyError("no values were recorded over time")
 
     @property
     def setting(self) -> Mapping[str, Value]:
@@ -129,7 +129,8 @@ class Sample(ABC):
         near = self.made.designed(self.setting).settled
         if near.shape != (self.network.size,):
             raise StudyError(
-                "its non-idealities add neurons, so that the designed point is none of its"
+                "its non-idealities add neurons, so that the designed point is not one of "
+                "its states"
             )
         return spectrum(self.network, equilibrium(self.network, near))
 
@@ -185,7 +186,7 @@ class _NetworkSample(Sample):
     def ideal(self) -> tuple[Network, np.ndarray]:
         network = self.made.nominal(self.setting)
         if network.size != self.network.size:
-            raise StudyError("its non-idealities add neurons that the problem knows nothing of")
+            raise StudyError("its non-idealities add neurons that do not belong to the problem")
         return network, self.state
 
 

@@ -138,7 +138,7 @@ def plan_of(
             listed[name] = _listed(name, given)
     both = sorted({*vary} & {*fixed})
     if both:
-        raise StudyError(f"fixed: {both[0]} is varied too; leave it out of one of them")
+        raise StudyError(f"fixed: {both[0]} is varied as well; remove it from one of them")
     plan = Plan(listed, spans, samples, sampling, seed, dict(fixed))
     if len(plan) > MOST:
         raise StudyError(f"vary: {len(plan)} points are more than {MOST}; list fewer values")
@@ -169,8 +169,8 @@ def _listed(name: str, given: object) -> list[Value]:
     values = given.tolist() if isinstance(given, np.ndarray) else list(given)  # type: ignore
     values = [value.item() if isinstance(value, np.generic) else value for value in values]
     if not values:
-        raise StudyError(f"vary: {name}: there are no values; give one at least")
+        raise StudyError(f"vary: {name}: expected one value or more, got none")
     twice = [value for i, value in enumerate(values) if i and value in values[:i]]
     if twice and len(values) < LONG:
-        raise StudyError(f"vary: {name}: {twice[0]!r} is listed twice; samples draw more of each")
+        raise StudyError(f"vary: {name}: {twice[0]!r} is listed twice; use samples for repetitions")
     return values

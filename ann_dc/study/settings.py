@@ -62,7 +62,7 @@ class Subject(Record):
     @property
     def _problem(self) -> OptimalControlProblem:
         if self.problem is None:
-            raise StudyError("subject: this is a network, and no problem is known of it")
+            raise StudyError("subject: expected a problem, got a network")
         return self.problem
 
     @property
@@ -155,7 +155,7 @@ def subject_from(identity: Mapping[str, Any]) -> Subject:
         return subject_of(identity["plant"])
     if "problem" not in identity:
         raise StudyError(
-            "subject: the study is one of a network that was declared in Python; run it from there"
+            "subject: the network of the study was declared in Python; run the study from Python"
         )
     record = Reader(None, None).record(  # type: ignore[arg-type]
         WrittenProblem, {**identity["problem"], "inputs": {}}, "problem"
@@ -210,8 +210,8 @@ NONIDEAL = {
     "offset": "bias at every neuron and sum, one standard deviation, drawn; network units",
     "leak": "DC gain of the integrators; infinite for none",
     "extra_pole": "one more pole behind every neuron, in radians per unit of network time",
-    "slew": "fastest move of a neuron, network units per unit of network time",
-    "saturation": "where neurons stop, network units",
+    "slew": "largest rate of a neuron, network units per unit of network time",
+    "saturation": "saturation limits of neurons, network units",
     "bits": "significant bits of every synapse weight",
     "noise": "density of white noise at every neuron, drawn; network units per root network time",
 }
@@ -227,11 +227,11 @@ DRAWN = tuple(
 class Effect(enum.Enum):
     """Effect of a setting, which determines the steps to repeat; the value is a description."""
 
-    PROBLEM = "another problem, which is designed anew"
+    PROBLEM = "another problem, with a new design"
     DESIGN = "another design"
-    NUMBERS = "other numbers in the same network"
-    PARTS = "what the network is built of"
-    RUN = "how it runs"
+    NUMBERS = "other numbers of the same network"
+    PARTS = "realisation of the network"
+    RUN = "execution"
 
 
 class Family(NamedTuple):
@@ -263,14 +263,18 @@ def _datasheet(_: Subject) -> Iterable[str]:
 
 FAMILIES: dict[str, Family] = {
     "problem": Family(
-        Effect.PROBLEM, "parameters of the problem, and its ends", lambda s: s.parameters
+        Effect.PROBLEM, "parameters and boundary conditions of the problem", lambda s: s.parameters
     ),
     "design": Family(Effect.DESIGN, "form, preconditioner kind, factors of the gain rule", _design),
-    "gains": Family(Effect.NUMBERS, "factors on penalties, time constants, coordinators", _gains),
-    "input": Family(Effect.NUMBERS, "inputs of the frozen network", lambda s: s.wired.cell.inputs),
-    "start": Family(Effect.NUMBERS, "where neurons start", lambda _: ("kind", "spread")),
+    "gains": Family(
+        Effect.NUMBERS, "factors on penalties, time constants, coarse-level gains", _gains
+    ),
+    "input": Family(
+        Effect.NUMBERS, "inputs of the network with fixed gains", lambda s: s.wired.cell.inputs
+    ),
+    "start": Family(Effect.NUMBERS, "initial guess", lambda _: ("kind", "spread")),
     "nonideal": Family(Effect.NUMBERS, "non-idealities of the ideal network", lambda _: NONIDEAL),
-    "circuit": Family(Effect.PARTS, "level, parts and margin of a circuit", _datasheet),
+    "circuit": Family(Effect.PARTS, "level, parts and bandwidth margin of a circuit", _datasheet),
     "tolerance": Family(
         Effect.PARTS,
         "errors of single parts, drawn: bounds of resistors and capacitors, else one sigma",
@@ -393,8 +397,8 @@ def check_together(
             )
         if name.startswith("tolerance.") and not met & {*CIRCUITS}:
             raise StudyError(
-                f"{field}: {name} is of parts, and no circuit runs; leave run.backend out, or take "
-                f"one of {', '.join(CIRCUITS)}"
+                f"{field}: {name} applies to parts, but no circuit is run; omit run.backend, or "
+                f"use one of {', '.join(CIRCUITS)}"
             )
         _check_run(field, name, met, given)
 
@@ -402,18 +406,20 @@ def check_together(
 def _check_run(field: str, name: str, met: set[str], given: set[str]) -> None:
     """Raise `StudyError` for a setting of runs that none of the backends reads."""
     if name in ("run.order", "run.step") and "recurrent" not in met:
-        raise StudyError(f"{field}: {name} means something with run.backend = 'recurrent' only")
+        raise StudyError(f"{field}: {name} applies to run.backend = 'recurrent' only")
     if name == "nonideal.noise" and "run.duration" not in given:
-        raise StudyError(f"{field}: {name} lasts as long as a run; set run.duration, too")
+        raise StudyError(
+            f"{field}: {name} depends on the duration of the run; set run.duration as well"
+        )
     if name == "run.method" and "ode" not in met:
-        raise StudyError(f"{field}: {name} means something with run.backend = 'ode' only")
+        raise StudyError(f"{field}: {name} applies to run.backend = 'ode' only")
     if name == "run.duration" and "run.two_level" in given:
         raise StudyError(
             f"{field}: {name} is a network time, which outer iterations of run.two_level do not "
-            "have; leave out one of the two"
+            "have; omit one of them"
         )
     if name == "run.limit" and "run.duration" in given:
-        raise StudyError(f"{field}: a run of a given run.duration has no run.limit; leave it out")
+        raise StudyError(f"{field}: a run with run.duration has no run.limit; omit it")
     if name == "run.duration" and not met <= {*TIMED}:
         raise StudyError(
             f"{field}: {name} is a network time, which a run has with run.backend = "
@@ -447,7 +453,7 @@ def check_name(subject: Subject, field: str, name: str) -> None:
         listed = ", ".join(names) or "none for this subject"
         known_names = f"of {word}. ({family.description}) there are {listed}"
     raise StudyError(
-        f"{field}: there is no {name!r} to vary; {' '.join(filter(None, [hint, known_names]))}"
+        f"{field}: unknown setting {name!r}; {' '.join(filter(None, [hint, known_names]))}"
     )
 
 
@@ -461,15 +467,17 @@ def check_value(field: str, name: str, value: object) -> None:
             raise StudyError(f"{field}: {name} is one of {', '.join(words)}, got {value!r}; {hint}")
         return
     if not isinstance(value, (int, float, str, bool)):
-        raise StudyError(f"{field}: {name} takes a number or a word at each point, got {value!r}")
+        raise StudyError(
+            f"{field}: {name} expected a number or a word for each case, got {value!r}"
+        )
     if isinstance(value, float) and math.isnan(value):
-        raise StudyError(f"{field}: {name} is nan at a point; give a number")
+        raise StudyError(f"{field}: {name} is nan in a case; use a number")
     is_number = name in ("problem.N", "problem.dt", "problem.temperature")
     is_free = value == "adaptive" if name == "run.step" else name.startswith("problem.")
     if not isinstance(value, (str, bool)):
         _check_range(field, name, value)
     elif is_number or not is_free:
-        raise StudyError(f"{field}: {name} takes a number at each point, got {value!r}")
+        raise StudyError(f"{field}: {name} expected a number for each case, got {value!r}")
 
 
 def _check_range(field: str, name: str, value: float) -> None:
@@ -478,11 +486,11 @@ def _check_range(field: str, name: str, value: float) -> None:
     least, begin = LEAST.get(name, (None, ""))
     expected = ""
     if least is not None and not (isinstance(value, int) and value >= least):
-        expected = f"a whole number from {begin} on"
+        expected = f"a whole number of at least {begin}"
     elif name.startswith(POSITIVE) and not value > 0:
         expected = "a positive number"
     elif name.startswith(SIZES) and not value >= 0:
-        expected = "a size, from zero on"
+        expected = "a number of at least 0"
     elif math.isinf(value) and family != "circuit" and name not in ENDLESS:
         expected = "a finite number"
     if expected:

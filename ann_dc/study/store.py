@@ -93,8 +93,8 @@ class Store:
             )
             if changed:
                 raise StoreError(
-                    f"{str(folder)!r} holds another study than this one: {changed} (stored -> "
-                    "given); give another folder, or the study as it was"
+                    f"{str(folder)!r} contains another study: {changed} (stored -> given); use "
+                    "another folder, or the stored study"
                 )
             if stored.identity != given.identity:
                 db.update_entry(database, "identity", given.identity)

@@ -46,4 +46,4 @@ def unpacked(content: bytes) -> dict[str, np.ndarray]:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except BROKEN as error:
-        raise StoreError(f"curves: what is stored is no .npz file of numbers: {error}") from error
+        raise StoreError(f"curves: expected a stored .npz file of numbers: {error}") from error

@@ -136,7 +136,7 @@ class Study(Record):
         known = [metric.name for metric in self.metrics]
         taken = sorted({*known} & {*HEAD, *TAIL, *self.settings})
         if taken:
-            raise StudyError(f"metrics: {taken[0]!r} is a column already; take another name")
+            raise StudyError(f"metrics: {taken[0]!r} is a column already; use another name")
         for name, limit in self.spec.items():
             if name not in known:
                 raise StudyError(
@@ -152,11 +152,11 @@ class Study(Record):
             return
         each = [{name: value} for name, values in plan.listed.items() for value in values]
         if SEED in plan.listed or not any(is_drawn({**self.fixed, **one}) for one in [{}, *each]):
-            what = "seed is listed" if SEED in plan.listed else "nothing in this study is random"
+            what = "seed is listed" if SEED in plan.listed else "the study has no random settings"
             raise StudyError(
-                f"samples: {what}, so {self.samples} samples would be {self.samples} equal rows; "
-                "leave samples out, or add what is drawn: a range (low, high) of a setting, "
-                f"{', '.join(DRAWN)}, tolerance.* or start.kind = 'random'"
+                f"samples: {what}, so {self.samples} samples would be {self.samples} equal "
+                "records; omit samples, or add random settings: a range (low, high) of a "
+                f"setting, {', '.join(DRAWN)}, tolerance.* or start.kind = 'random'"
             )
 
     def _check_settings(self, subject: Subject) -> None:
@@ -316,7 +316,7 @@ class Study(Record):
         """
         case = next(islice(self.points(), point, None), None)
         if case is None:
-            raise StudyError(f"point: there are {len(self)} points, from 0 on; got {point}")
+            raise StudyError(f"point: there are {len(self)} cases from 0; got {point}")
         done = attempted(self.work, Task((case,)))
         if not done.finished:
             return without_result(case, done.outcome, done.message).row

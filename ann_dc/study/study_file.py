@@ -112,7 +112,7 @@ def _study(table: dict[str, Any], file: Path) -> Study:
     for name in table:
         if name not in known:
             raise StudyError(
-                f"{name}: is no field of a study; there are {', '.join(sorted(known))}"
+                f"{name}: is not a field of a study; fields are {', '.join(sorted(known))}"
             )
     if "subject" not in table:
         raise StudyError("subject: is missing; name a plant, or the path of a problem file")
@@ -175,7 +175,7 @@ def _axis(name: str, given: Any) -> Any:
     if strange or not {"low", "high"} <= {*given}:
         raise StudyError(
             f"vary: {name}: a range is {{low = .., high = ..}}, with log = true and count = .. "
-            f"where they are wanted; got {dict(given)!r}"
+            f"if required; got {dict(given)!r}"
         )
     low, high = (_typed(f"vary: {name}", given[end], (int, float)) for end in ("low", "high"))
     is_log = _typed(f"vary: {name}: log", given.get("log", False), bool)
@@ -199,8 +199,8 @@ def study_from(identity: Mapping[str, Any]) -> Study:
     """
     if identity.get("version") != LAYOUT:
         raise StudyError(
-            f"version: this study was made by another version ({identity.get('version')!r}, here "
-            f"{LAYOUT}); run it with that one, or begin a new folder"
+            f"version: this study was made by another version ({identity.get('version')!r}, "
+            f"here {LAYOUT}); use that version, or a new folder"
         )
     vary = {
         name: Span(**value) if isinstance(value, Mapping) else value

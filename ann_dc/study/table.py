@@ -153,7 +153,7 @@ class Table:
         """
         if not self.trajectories:
             raise StudyError(
-                "curves: the study stored no trajectories; give it curves=200, the number of "
+                "curves: the study stored no trajectories; use curves=200, the number of "
                 "states to store per case"
             )
         rows = np.flatnonzero(np.isin(self.columns[POINT], list(self.trajectories)))

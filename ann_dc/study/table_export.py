@@ -27,7 +27,7 @@ def frame(pieces: Pieces, kinds: Kinds, identity: Mapping[str, Any]) -> Any:
     except ImportError as error:
         raise PandasMissing(
             "to_frame: a data frame needs pandas, which is not installed: pip install "
-            "'ann-dc[study]'; to_csv needs nothing"
+            "'ann-dc[study]'; to_csv does not need it"
         ) from error
 
     def framed(piece: list[list[Any]]) -> Any:
@@ -84,7 +84,7 @@ def write_parquet(
     Raises `PyarrowMissing` if pyarrow is not installed and `OutputError` if the file cannot be
     written. An existing file is then unchanged.
     """
-    pyarrow_modules("to_parquet", "to_csv needs nothing")
+    pyarrow_modules("to_parquet", "to_csv does not need it")
     types = {name: _parquet_type(held) for name, held in kinds.items()}
     mixed = [_frame_type(held) == "object" for held in kinds.values()]
     blocks = (

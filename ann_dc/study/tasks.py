@@ -69,7 +69,7 @@ def attempted(work: Work, task: Task) -> Attempt:
         else:
             numbers = [one.row.get(POINT) for one in finished]
             finished, outcome = [], FAILED
-            message = f"the work gave rows of other points than it was asked for: {numbers}"
+            message = f"the task returned records of other cases: {numbers}"
     except MemoryError as error:
         finished, outcome, message = [], LOST, sentence(error)
     except (Exception, SystemExit) as error:

@@ -125,7 +125,7 @@ def loaded(pickled: bytes, given: Script) -> Any:
         return pickle.loads(pickled)
     except AttributeError as error:
         if not given.file:
-            raise StudyError(f"{error}; write its functions into a module") from error
+            raise StudyError(f"{error}; define its functions in a module") from error
     module = ModuleType(SCRIPT)
     module.__file__, module.__package__ = given
     sys.modules["__main__"] = sys.modules[SCRIPT] = module

@@ -194,8 +194,8 @@ class Undesigned:
     def message(self) -> str:
         """Description of the failure in one sentence."""
         return (
-            f"{self.problem.name}: the design did not settle in {self.steps} steps, so there is no "
-            "solution at which to check Theorem IV.2 and to choose gains; check that the target is "
+            f"{self.problem.name}: the design did not settle in {self.steps} steps, so Theorem "
+            "IV.2 cannot be checked and gains cannot be chosen; check that the target is "
             "within reach"
         )
 

@@ -37,8 +37,8 @@ class LowerLevel(ABC):
         controls = [n for n in network.cell.neurons if n.population == "u"]
         if len(pinned) > len(controls):
             raise NetworkError(
-                f"lower level: {', '.join(pinned)} of cell 0 is pinned, so that its stage has more "
-                "equations than unknowns; close the chain with Form(start_is_neuron=True)"
+                f"lower level: {', '.join(pinned)} of cell 0 is fixed, so that its stage has "
+                "more equations than unknowns; close the chain with Form(start_is_neuron=True)"
             )
 
 

@@ -61,7 +61,7 @@ class OracleGain:
         require_positive(share=self.share, high=self.high)
         if self.settled.ndim > 2:
             raise NetworkError(
-                f"settled: expected a state (n,) or one a sample (B, n), got {self.settled.shape}"
+                f"settled: expected a state (n,) or one per sample (B, n), got {self.settled.shape}"
             )
 
     def of(self, found: Lyapunov) -> Any:

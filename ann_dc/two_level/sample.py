@@ -45,13 +45,14 @@ def check_problem(problem: OptimalControlProblem) -> None:
     names = map(str, (*problem.constraints, *problem.terminal_constraints, *problem.bounds))
     if problem.objectives:
         raise ProblemError(
-            f"two levels: {problem.name} has the objectives {', '.join(problem.objective_names)}, "
-            "of which the algorithm knows nothing; ann_dc.solve(problem) does"
+            f"two levels: {problem.name} has the objectives "
+            f"{', '.join(problem.objective_names)}, which the algorithm does not support; use "
+            "ann_dc.solve(problem)"
         )
     if reported := ", ".join(names):
         raise ProblemError(
-            f"two levels: {problem.name} has inequalities or bounds ({reported}), of which the "
-            "algorithm knows nothing; ann_dc.solve(problem) does"
+            f"two levels: {problem.name} has inequalities or bounds ({reported}), which the "
+            "algorithm does not support; use ann_dc.solve(problem)"
         )
 
 
@@ -72,8 +73,8 @@ def rows_of(network: Network) -> Rows:
     others += [n.name for n in network.cell.neurons if np.isfinite(astuple(n.limiter)).any()]
     if others:
         raise NetworkError(
-            f"two levels: {network.title} has {', '.join(others)} for inequalities or rails, of "
-            "which the algorithm knows nothing; settle the network as a whole, as solve does"
+            f"two levels: {network.title} has {', '.join(others)} for inequalities or limits, "
+            "which the algorithm does not support; use ann_dc.solve"
         )
 
     of_population = network.of_population

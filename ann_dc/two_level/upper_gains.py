@@ -98,7 +98,7 @@ class UpperMap:
             raise DesignError(
                 f"{self.network.title}: the lower level is singular at the solution. With q_0 "
                 "constant, cell 0 has more equations than unknowns: close the chain with "
-                "Form(start_is_neuron=True); otherwise a stage has no isolated solution of its own"
+                "Form(start_is_neuron=True); otherwise the solution of a stage is not isolated"
             )
         return -np.linalg.solve(J[np.ix_(lower, lower)], J[np.ix_(lower, upper)])
 

@@ -87,7 +87,7 @@ class Entries(ABC):
         self.taken: dict[str, np.ndarray] = {}
         odd = [name for name in self._left if not name.isprintable()]
         if odd:
-            raise FileFormatError(f"entry {odd[0]!r:.80}: a file has printable names only")
+            raise FileFormatError(f"entry {odd[0]!r:.80}: expected a printable name")
 
     @abstractmethod
     def stored(self, name: str) -> Stored:
@@ -158,7 +158,7 @@ def _check_printable(names: Mapping[str, object]) -> None:
     """Raise `OutputError` if a name is not allowed in a file."""
     for name in names:
         if not name.isprintable():
-            raise OutputError(f"entry {name!r}: a file has printable names only; rename the node")
+            raise OutputError(f"entry {name!r}: expected a printable name; rename the node")
 
 
 @final
@@ -245,15 +245,17 @@ class TensorEntries(Entries):
         length = int.from_bytes(content[:PREFIX], "little")
         if len(content) < PREFIX or not 2 <= length <= min(len(content) - PREFIX, MAX_HEADER):
             raise FileFormatError(
-                "not a complete .safetensors file (the length of its header cannot be); save the "
-                "network again"
+                "not a complete .safetensors file (the length of its header is invalid); save "
+                "the network again"
             )
         header = _header(content[PREFIX : PREFIX + length])
         metadata = header.pop(METADATA, None)
         if not isinstance(metadata, dict) or not isinstance(metadata.get("manifest"), str):
-            raise FileFormatError("its header has no manifest; is this a saved network?")
+            raise FileFormatError("its header has no manifest; the file may not be a saved network")
         if len(metadata) > 1:
-            raise FileFormatError("its header says more than a manifest; save the network again")
+            raise FileFormatError(
+                "its header contains more than a manifest; save the network again"
+            )
         self.manifest = metadata["manifest"]
         self._data = memoryview(content)[PREFIX + length :]
         self._places = {name: _place(name, given) for name, given in header.items()}
@@ -285,7 +287,7 @@ def _header(text: bytes) -> dict:
     except (UnicodeDecodeError, FileFormatError) as error:
         raise FileFormatError(f"the header of a .safetensors file: {error}") from error
     if not isinstance(header, dict):
-        raise FileFormatError("the header of a .safetensors file is no table")
+        raise FileFormatError("the header of a .safetensors file is not a table")
     return header
 
 

@@ -32,9 +32,9 @@ def read_json(text: str) -> Any:
     Raises `FileFormatError` also for a text that needs far more memory than its numbers.
     """
     if len(text) > LONGEST:
-        raise FileFormatError(f"not JSON of ours: more than {LONGEST} letters")
+        raise FileFormatError(f"unexpected JSON: more than {LONGEST} letters")
     if tables_in(text) > MOST_TABLES:
-        raise FileFormatError(f"not JSON of ours: more than {MOST_TABLES} tables and lists")
+        raise FileFormatError(f"unexpected JSON: more than {MOST_TABLES} tables and lists")
     try:
         return json.loads(text, parse_constant=_no_number, object_pairs_hook=_each_once)
     except (ValueError, RecursionError) as error:
@@ -67,7 +67,7 @@ def read_manifest(
         raise FileFormatError(f"{place}: {error}") from error
     if not isinstance(given, dict) or given.get("format") != form:
         kind = form.removeprefix("ann_dc ")
-        raise FileFormatError(f"{place}: does not say {form!r}; is this a saved {kind}?")
+        raise FileFormatError(f"{place}: does not contain {form!r}; save the {kind} again")
     version = given.get("schema")
     if version != schema or type(version) is not int:
         raise FileFormatError(
@@ -89,7 +89,7 @@ def weight_names(connections: Iterable[Connection]) -> list[str]:
 
 
 def _no_number(text: str):
-    raise ValueError(f"{text} is no JSON number")
+    raise ValueError(f"{text} is not a JSON number")
 
 
 def typed(kind: type, value: Any, place: str) -> Any:

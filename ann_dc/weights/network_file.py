@@ -126,7 +126,7 @@ def written(network: Network) -> tuple[str, dict[str, object]]:
     if len(text) > MAX_MANIFEST:
         raise OutputError(
             f"names and wires of {network.title!r} take {len(text)} bytes, a file may have "
-            f"{MAX_MANIFEST}; give it shorter names or fewer fixed and omitted neurons"
+            f"{MAX_MANIFEST}; use shorter names or fewer fixed and omitted neurons"
         )
     return text, arrays
 
@@ -164,7 +164,7 @@ def load(path: str | os.PathLike[str]) -> Network:
     (True, True)
     """
     file = Path(path)
-    remedy = "give the path of a saved network (.npz or .safetensors)"
+    remedy = "use the path of a saved network (.npz or .safetensors)"
     return unpacked(read_whole(file, MAX_BYTES, remedy), file)
 
 
@@ -188,5 +188,5 @@ def unpacked(content: bytes, file: Path) -> Network:
         ) from error
     except (MemoryError, RecursionError) as error:
         raise FileFormatError(
-            f"{file}: asks for more memory than there is; save the network again"
+            f"{file}: needs more than the available memory; save the network again"
         ) from error

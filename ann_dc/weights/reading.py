@@ -200,5 +200,7 @@ def _preconditioner(table: Table, entries: Entries, cell: Cell, stages: int) -> 
         gains = tuple(entries.array(f"gain/{level}", shape) for level in range(levels))
         found = Multilevel(gains=gains) if gains else Diagonal()
     if found.kind is not kind:
-        raise FileFormatError(f"{given.place}.kind: {kind.value!r}, but it is a {found.kind.value}")
+        raise FileFormatError(
+            f"{given.place}.kind: {kind.value!r}, but the data are those of a {found.kind.value}"
+        )
     return found

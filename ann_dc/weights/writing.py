@@ -42,12 +42,13 @@ ABOUT = (
 
 CUT = "d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise"
 PROJECTED = (
-    "the moves are v = M (d + r) with currents r of ideal diodes. Where x <= low, v >= 0, r >= 0 "
-    "and v r = 0; where x >= high, v <= 0, r <= 0 and v r = 0; elsewhere r = 0. So v is the argmin "
-    "of v' M^-1 v / 2 - d' v over all v that lead past no rail. To find r, hold the neurons C at "
-    "rails whose d points outward: v_C = 0 and r_C = -(M_CC)^-1 (M d)_C. Let go those whose r has "
-    "the wrong sign, hold those whose v has, until there is none; after 10 rounds exchange the last"
-    " of them only. A wrong r up to 1e-13 of the largest |d| + |r| of C counts as 0"
+    "the moves are v = M (d + r) with currents r of ideal diodes. Where x <= low, v >= 0, r >= "
+    "0 and v r = 0; where x >= high, v <= 0, r <= 0 and v r = 0; elsewhere r = 0. So v is the "
+    "argmin of v' M^-1 v / 2 - d' v over all v that exceed no limit. To find r, hold the "
+    "neurons C at limits whose d points outward: v_C = 0 and r_C = -(M_CC)^-1 (M d)_C. Let go "
+    "those whose r has the wrong sign, hold those whose v has, until there is none; after 10 "
+    "rounds exchange the last of them only. A wrong r up to 1e-13 of the largest |d| + |r| of "
+    "C counts as 0"
 )
 """Manifest text on saturation limits of neurons that M does not couple, and of those it does."""
 
@@ -84,16 +85,16 @@ WORDS: dict[str, tuple[str, str, str]] = {
     "scale_factor": ("user's value of a state of 1, of every neuron", "the user's", "neuron"),
     "scale_offset": ("user's value of a state of 0, of every neuron", "the user's", "neuron"),
     "input_scale": ("factor and offset of every input", "the user's", "input part"),
-    "range": ("from which to which value it was designed for", "the user's", "input end"),
+    "range": ("range of design: lowest and highest value", "the user's", "input end"),
     "gain": (
         "gains of the coarse-level neurons of level {}, 0 is the finest",
         "1 / network time",
         "point chain chain",
     ),
-    "own": ("stiffness within every cell", "none, rates come beside it", "stage primal primal"),
+    "own": ("stiffness within every cell", "none, multiplied by the rates", "stage primal primal"),
     "following": (
         "stiffness between a cell and the next one",
-        "none, rates come beside it",
+        "none, multiplied by the rates",
         "stage primal primal",
     ),
 }

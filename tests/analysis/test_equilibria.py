@@ -56,7 +56,7 @@ def test_a_line_of_equilibria_is_refused():
 def test_no_equilibrium_no_answer(start):
     """x' = x^2 + 1 has no root."""
     network = pair((wire("p", "x"), wire("one", "x"), wire("y", "y", -1.0)))
-    with pytest.raises(NetworkError, match="start from where it settled"):
+    with pytest.raises(NetworkError, match="use its settled state"):
         equilibrium(network, np.array([start, 0.0]))
 
 

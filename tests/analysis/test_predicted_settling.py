@@ -102,7 +102,7 @@ def test_what_does_not_settle_has_no_time():
     settled = row(wire("x", "x", -1.0))
     assert predicted_settling(settled, np.zeros(1), np.zeros(1)) == 0.0
     long = row(wire("x", "x", -1.0), stages=1501)
-    with pytest.raises(NetworkError, match="it has 1501 neurons"):
+    with pytest.raises(NetworkError, match="got 1501"):
         predicted_settling(long, np.zeros(1501), np.ones(1501))
 
 

@@ -135,7 +135,7 @@ def test_curves_change_nothing_and_are_thinned(kept):
 def test_without_curves_a_sentence_says_how_to_keep_them():
     run = RECURRENT.run_batch(short("unicycle"), {"q_d.x": [2.0]})
     assert run.curves is None
-    with pytest.raises(NetworkError, match=r"kept no curves; .*curves=200"):
+    with pytest.raises(NetworkError, match=r"stored no trajectories; .*curves=200"):
         run.trajectory(0)
 
 

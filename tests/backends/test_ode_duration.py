@@ -57,7 +57,7 @@ def test_a_network_that_has_not_settled_yet_is_told_so():
     network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
     run = ann_dc.OdeBackend(duration=5.0).run(network)
     assert run.status.outcome is Outcome.COMPLETED
-    assert "the duration given" in str(run.status)
+    assert "the given duration" in str(run.status)
 
 
 @given(st.floats(1e-3, 40.0), st.integers(1, 9))

@@ -48,8 +48,8 @@ ENDS = {
     Outcome.NOT_SETTLED: not_settled((1e-9, 1e-2), 7.0, "900 steps"),
     Outcome.DIVERGED: diverged(ROW, np.ones(4), 7.0),
     Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
-    Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves", "start elsewhere"),
-    Outcome.STOPPED: stopped((1e-9, 1e-2), 7.0, "someone pressed Ctrl-C"),
+    Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves", "try another guess"),
+    Outcome.STOPPED: stopped((1e-9, 1e-2), 7.0, "interrupted"),
     Outcome.FOUND: found_without("the search", not_settled((1e-9, 1e-2), 7.0, "900 steps")),
     Outcome.INFEASIBLE: infeasible("no controls reach q_d.x", 7.0),
     Outcome.UNBOUNDED: unbounded("the cost has no minimum", 7.0),
@@ -196,14 +196,14 @@ ODE = OdeBackend(limit=1e9, most_steps=9000, verify=False)
 STEPS, FIXED = RecurrentBackend(limit=9000), ann_dc.FixedStep(step=2.5)
 RADAU, BDF = replace(ODE, method=ode.RADAU), replace(ODE, method=ode.BDF)
 LATE, STALLED = Outcome.NOT_SETTLED, Outcome.STALLED
-DAMPING = "damp it: lower the weights of its neurons' connections to themselves"
-IMPLICIT = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
+DAMPING = "damp it: reduce the weights of the neurons' connections to themselves"
+IMPLICIT = "use an implicit method: method=ann_dc.ode.RADAU or --method Radau"
 REACH = "check that the target is within reach"
-GROWTH = "multipliers z.push, beta.v, mu.v, beta.x grow steadily"
-LOOSEN, SOFT, TARGET = "loosen one of them", "make it soft", "or change the target"
+GROWTH = "multipliers z.push, beta.v, mu.v, beta.x grow linearly"
+LOOSEN, SOFT, TARGET = "widen the bounds", "make a constraint soft", "change the target"
 ADVICE = [
     (LATE, "steps (most_steps)", replace(ODE, most_steps=9), lag, ODE, lag),
-    (LATE, "fastest time constants (limit)", replace(ODE, limit=2.0), lag, ODE, lag),
+    (LATE, "tau_min (limit)", replace(ODE, limit=2.0), lag, ODE, lag),
     (LATE, "9 steps (limit)", replace(STEPS, limit=9), lag, STEPS, lag),
     (LATE, REACH, OdeBackend(), pushed, ODE, lambda: pushed(target=1.0)),
     (LATE, GROWTH, OdeBackend(), pushed, ODE, lambda: pushed(target=1.0)),
@@ -254,25 +254,28 @@ def test_run_that_follows_advice_settles(outcome, advice, backend, network, othe
 @pytest.mark.parametrize("backend", [ODE, STEPS])
 def test_limit_cycle_is_not_told_to_start_elsewhere(backend):
     reported = str(backend.run(limit_cycle()).status)
-    assert "neuron y[0] kept swinging by 5." in reported
-    assert "elsewhere" not in reported
+    assert "neuron y[0] continued to oscillate by 5." in reported
+    assert "another --initial-guess" not in reported
 
 
 @pytest.mark.slow
 def test_error_of_an_implicit_method_is_not_blamed_on_the_network():
     reported = str(BDF.run(damped()).status)
-    assert "no smaller: BDF errs as much with rtol=1e-06; take the compiled method" in reported
-    assert "elsewhere" not in reported
+    assert (
+        "did not reduce it: it equals the error of BDF with rtol=1e-06; use the compiled method"
+        in reported
+    )
+    assert "another --initial-guess" not in reported
     _, advice = status.no_headway(damped(), np.ones((9, 2)), 9, 1e-4, ode.BDF)
-    assert advice == "start elsewhere"  # the method errs less than that
+    assert advice == "try another --initial-guess"  # the method errs less than that
 
 
 def test_contradicting_constraints_are_not_told_to_start_elsewhere():
-    assert "elsewhere" not in str(STEPS.run(pushed()).status)
+    assert "another --initial-guess" not in str(STEPS.run(pushed()).status)
 
 
 @pytest.mark.slow
-def test_network_without_duals_is_not_told_of_a_design_or_a_pyramid():
+def test_network_without_duals_is_not_told_of_a_design_or_a_preconditioner():
     run = OdeBackend(limit=1e6, most_steps=9000, verify=False).run(limit_cycle())
     assert run.status.outcome is Outcome.STALLED
     assert "design" not in str(run.status)

@@ -88,7 +88,7 @@ def test_control_error_of_controls_that_rest_at_zero_is_a_share_of_their_reach(r
     assert vanished.size_in_words.startswith("1% of the largest magnitude of the controls")
     off = vanished.control_values[-1] + [0.0, 1e-5]
     assert control_error(off, vanished) == pytest.approx(5e-4)
-    assert moved.size_in_words == "the largest one"
+    assert moved.size_in_words == "the largest control"
 
 
 @pytest.mark.parametrize("units", [{}, {"u.a": "kW"}])

@@ -381,7 +381,7 @@ def shared_row(*connections, blocks=(), **more) -> Network:
     [[wire("x", "y", 1.0, Template.NEXT)], [wire("y", "x", 1.0, Template.PREVIOUS)]],
 )
 def test_a_bus_is_no_wire_to_a_neighbour(connections):
-    with pytest.raises(NetworkError, match="all cells share this neuron"):
+    with pytest.raises(NetworkError, match="the neuron is shared by all cells"):
         shared_row(*connections)
 
 
@@ -394,7 +394,7 @@ def test_shared_neurons_read_each_other_in_their_own_cell():
 
 def test_a_shared_neuron_is_at_no_end_and_in_no_chain():
     network = shared_row(wire("x", "y"))
-    with pytest.raises(NetworkError, match="all cells share this neuron"):
+    with pytest.raises(NetworkError, match="the neuron is shared by all cells"):
         replace(network, omitted=(Omitted(neuron="y", stage=0),))
     with pytest.raises(NetworkError, match="chains: y is shared"):
         shared_row(wire("x", "y"), chains=(("x", "y"),))

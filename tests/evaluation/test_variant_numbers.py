@@ -103,9 +103,9 @@ def test_what_is_no_number_of_the_network_is_refused():
         replace(numbers, weights=numbers.weights * np.nan)
     with pytest.raises(NetworkError, match=r"rates: expected an array \(B, rows, N\)"):
         replace(numbers, rates=numbers.rates[0])
-    with pytest.raises(NetworkError, match="samples and stages do not agree"):
+    with pytest.raises(NetworkError, match="samples and stages differ"):
         Numbers(weights=numbers.weights, rates=numbers.rates[:, :, 1:])
     with pytest.raises(NetworkError, match="numbers: weights of a network of another wiring"):
         numbers.check(small("unicycle"))
-    with pytest.raises(NetworkError, match="rates have to be positive where"):
+    with pytest.raises(NetworkError, match="expected positive rates for neurons of"):
         replace(numbers, rates=np.abs(numbers.rates) * 0).check(network())

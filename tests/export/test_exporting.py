@@ -114,7 +114,7 @@ def test_files_that_no_export_wrote_stay(network, tmp_path, name):
     mine = tmp_path / FORMAT / name
     mine.parent.mkdir()
     mine.write_text('{"mine": true}')
-    with pytest.raises(OutputError, match=rf"{name}' is there already.*move it away"):
+    with pytest.raises(OutputError, match=rf"{name}' already exists.*move it"):
         export_network(network, FORMAT, tmp_path)
     assert [file.name for file in mine.parent.iterdir()] == [name]
     assert mine.read_text() == '{"mine": true}'
@@ -137,7 +137,7 @@ def test_two_at_a_time_do_not_mix(network, tmp_path):
     export_network(network, FORMAT, tmp_path)
     before = contents(tmp_path / FORMAT)
     lock = Lock(tmp_path / FORMAT / ".lock")
-    with pytest.raises(OutputError, match=f"process {os.getpid()} .* at work"):
+    with pytest.raises(OutputError, match=f"process {os.getpid()} .* writing to"):
         export_network(network.with_inputs({"q_d.x": 2.0}), FORMAT, tmp_path)
     lock.release()
     assert contents(tmp_path / FORMAT) == before
@@ -208,7 +208,7 @@ def test_a_failure_of_any_kind_keeps_the_others(
 def test_a_folder_in_use_keeps_the_others(network, tmp_path):
     (tmp_path / FORMAT).write_text("")
     done = export_network(network, [FORMAT, "diagram"], tmp_path)
-    assert "a file stands where a folder is needed" in done[0].why_not
+    assert "a file has the name of the folder" in done[0].why_not
     assert done[1].files
 
 
@@ -221,7 +221,7 @@ def test_what_is_written_was_checked(network, tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_told(network, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="a file stands where a folder is needed"):
+    with pytest.raises(OutputError, match="a file has the name of the folder"):
         export_network(network, FORMAT, tmp_path / "file")
 
 

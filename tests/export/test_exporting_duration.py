@@ -50,7 +50,7 @@ def test_a_refusal_names_formats_that_take_the_network(exported, refused):
 
 def test_fixed_point_without_a_duration_names_the_design():
     network = van_der_pol()
-    with pytest.raises(ExportError, match="network: expected one that settles, got one"):
+    with pytest.raises(ExportError, match="network: expected a network that settles within"):
         FORMATS["c99"].write(network, reference_vector(network))
 
 

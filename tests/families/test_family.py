@@ -73,7 +73,7 @@ def test_the_problem_of_a_sample_has_its_inputs():
 @pytest.mark.parametrize(
     ("over", "message"),
     [
-        ({}, "no input is given a range"),
+        ({}, "expected one input or more, got none"),
         ({"q_d.x": (5, 3)}, r"ranges\[q_d.x\]: the range from 5 to 3 is empty"),
         ({"q_d.x": (3, 3)}, "is empty"),
         ({"q_d.x": (0, float("inf"))}, "not finite"),
@@ -84,7 +84,7 @@ def test_the_problem_of_a_sample_has_its_inputs():
         ("q_d.x=3:7", "ranges: expected"),
         ([{"q_d.x": float("nan")}], r"ranges\[0\]\[q_d.x\]: nan is not finite"),
         ([{"q_d.x": "far"}], "expected one number or 5 of them"),
-        ([{"q_d.x": 1.0}, {"q_d.v": 1.0}], "has to name the same inputs"),
+        ([{"q_d.x": 1.0}, {"q_d.v": 1.0}], "expected the same inputs"),
     ],
 )
 def test_what_is_no_family_is_refused(over, message):

@@ -82,7 +82,7 @@ def test_points_are_refused_by_name(change, message):
 
 
 def test_a_front_is_of_objectives_alone():
-    with pytest.raises(ProblemError, match="has none; a front is of two at least"):
+    with pytest.raises(ProblemError, match="has none; a front needs two or more"):
         ann_dc.pareto(ann_dc.plants.double_integrator(N=3))
-    with pytest.raises(ProblemError, match="cost: a front is of objectives alone"):
+    with pytest.raises(ProblemError, match="cost: a front has objectives only"):
         ann_dc.pareto(small(cost=a**2))

@@ -40,13 +40,13 @@ def test_a_network_can_start_at_each(name):
 
 @pytest.mark.parametrize("count", [0, -1, 2.5, True, "64", None])
 def test_a_count_is_positive(count):
-    with pytest.raises(ProblemError, match="starts: expected a whole number from 1 on"):
+    with pytest.raises(ProblemError, match="starts: expected a whole number of at least 1"):
         seeded_starts(PROBLEM, count)
 
 
 @pytest.mark.parametrize("seed", [-1, 0.5, None])
 def test_a_seed_is_not_negative(seed):
-    with pytest.raises(ProblemError, match="seed: expected a whole number from 0 on"):
+    with pytest.raises(ProblemError, match="seed: expected a whole number of at least 0"):
         seeded_starts(PROBLEM, 2, seed=seed)
 
 
@@ -89,7 +89,7 @@ def test_a_start_contradicts_itself(given, message):
 
 
 def test_no_start_at_all():
-    with pytest.raises(ProblemError, match="the list is empty"):
+    with pytest.raises(ProblemError, match="got an empty list"):
         checked_starts(PROBLEM, [])
 
 

@@ -163,11 +163,11 @@ def test_a_network_of_too_many_neurons_says_so(monkeypatch):
 
 def test_a_point_that_does_not_attract_says_so(monkeypatch):
     def refused(*_):
-        raise NetworkError("the settled point does not attract")
+        raise NetworkError("the settled point is unstable")
 
     monkeypatch.setattr("ann_dc.fidelity.circuit_study.preconditioner_demand", refused)
     found = study_of_a_pyramid()
-    assert (found.demand, found.undemanded) == (None, "the settled point does not attract")
+    assert (found.demand, found.undemanded) == (None, "the settled point is unstable")
 
 
 def test_time_constants_have_no_demand_and_need_no_reason(monkeypatch):

@@ -14,7 +14,7 @@ def test_a_circuit_that_still_moves_has_no_error(monkeypatch):
     """As one that ngspice did not end."""
     runs = [
         SimpleNamespace(unsettled="", control_error=0.01),
-        SimpleNamespace(unsettled="its controls still move", control_error=0.02),
+        SimpleNamespace(unsettled="the controls still change", control_error=0.02),
         None,
     ]
     monkeypatch.setattr(monte_carlo, "measured_runs", lambda *given: runs)

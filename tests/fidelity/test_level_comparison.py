@@ -117,7 +117,7 @@ def test_every_defect_stands_alone():
 @needs_ngspice
 def test_resistors_of_a_series_are_predicted_and_measured():
     exact, e96 = climbed(
-        *(replace(rung_of("E96 resistors alone"), name=s.name, series=s) for s in (EXACT, E96))
+        *(replace(rung_of("E96 resistors only"), name=s.name, series=s) for s in (EXACT, E96))
     )
     assert e96.predicted_error > 20 * exact.predicted_error
     assert e96.error == pytest.approx(e96.predicted_error, rel=0.02)
@@ -184,7 +184,7 @@ def test_a_rung_that_oscillates_says_so_and_the_next_ones_are_climbed():
         ComparedLevel(name="ideal", level=BEHAVIOURAL),
     )
     rings, settles = climbed(*steps, bandwidth_margin=2.0, progress=meaning.append)
-    assert rings.why == "the pole model says that it oscillates"
+    assert rings.why == "the pole model predicts oscillation"
     assert np.isnan([rings.settling, rings.predicted_error, rings.predicted_settling]).all()
     assert settles.why == ""
     assert settles.error < 1e-5

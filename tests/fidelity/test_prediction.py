@@ -314,7 +314,7 @@ def test_a_step_beyond_the_limit_is_predicted_to_oscillate():
         found = predict(circuit, backend.level, probe)
         assert found.stable == stable
         assert np.isnan(found.settling_time)
-        assert "no network in continuous time" in found.unknown
+        assert "not a network in continuous time" in found.unknown
 
 
 # ---- who is emulated -----------------------------------------------------------------------------

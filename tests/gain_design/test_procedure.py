@@ -113,7 +113,7 @@ def test_reason_begins_with_the_kind_that_was_chosen():
 @pytest.mark.parametrize("kinds", [[], [3], [PreconditionerKind.RESISTIVE_GRID, None]])
 def test_kinds_that_are_none(kinds):
     with pytest.raises(
-        DesignError, match=r"preconditioner: expected some of PreconditionerKind\.DIAGONAL"
+        DesignError, match=r"preconditioner: expected one or more of PreconditionerKind\.DIAGONAL"
     ):
         design(synthesize(plants.double_integrator(N=3)), preconditioner=kinds)
 
@@ -140,7 +140,7 @@ def test_network_carries_the_gains():
 def test_design_says_what_it_did():
     found = designed("car")
     text = str(found)
-    assert text.startswith("first run      settled in ")
+    assert text.startswith("scheduled run  settled in ")
     for word in ("selected", f"rho* = {found.rho_star:.3g}", "radius", "abscissa", "predicted"):
         assert word in text
 
@@ -153,7 +153,7 @@ def test_design_without_duals():
         ),
         stages=2,
     )
-    with pytest.raises(DesignError, match=r"no PI dual neurons.*by hand"):
+    with pytest.raises(DesignError, match=r"no PI dual neurons.*manually"):
         design(leak)
 
 
@@ -166,8 +166,8 @@ def test_a_fixed_recipe_is_kept():
 def test_progress_is_told():
     meaning = []
     design(synthesize(plants.double_integrator(N=3)), progress=meaning.append)
-    assert meaning[0].startswith("first run: step ")
-    assert meaning[-1].startswith("freeze: rehearsal ")
+    assert meaning[0].startswith("gain-scheduled run: step ")
+    assert meaning[-1].startswith("trial run: candidate ")
 
 
 @settings(max_examples=6, deadline=None)
@@ -191,7 +191,7 @@ def test_a_run_that_does_not_settle_has_no_grid():
     )
     assert not found.settled
     assert found.best.kind is PreconditionerKind.MULTILEVEL
-    assert found.reason.startswith("no optimum to read a grid off")
+    assert found.reason.startswith("no settled point for a grid")
 
 
 def test_one_kind_is_a_list_of_one():

@@ -80,14 +80,14 @@ def test_never_worse_where_nothing_settles(monkeypatch):
     monkeypatch.setattr("ann_dc.gain_design.refinement.with_trial_run", lost)
     found, lines = plain(), []
     assert better(found, progress=lines.append) is found.best
-    assert lines[-1] == "refine: nothing better settles from the start"
+    assert lines[-1] == "refine: no better candidate settles from the initial guess"
 
 
 def test_a_large_network_is_left_as_it_is(monkeypatch):
     monkeypatch.setattr("ann_dc.gain_design.refinement.DENSE_LIMIT", 10)
     found, lines = plain(), []
     assert better(found, progress=lines.append) is found.best
-    assert f"{found.network.size} neurons are more than the 10" in lines[0]
+    assert f"{found.network.size} neurons exceed the limit 10" in lines[0]
 
 
 @pytest.mark.slow

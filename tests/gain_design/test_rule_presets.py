@@ -15,7 +15,7 @@ def designed():
 
 def test_presets_hold_the_path_and_no_multiplier(designed):
     network, state = designed.network, designed.state
-    found = dict(presets_of(network, state))["the found path"]
+    found = dict(presets_of(network, state))["the known trajectory"]
     duals = [neuron.role is Role.DUAL for neuron in network.cell.neurons]
     values, settled = network.unpack(found), network.unpack(state)
     assert not values[duals].any()
@@ -46,4 +46,6 @@ def test_nearest_preset_lies_on_the_way_from_the_optimum_to_the_start(designed):
 
 def test_short_rows_have_no_coarse_preset():
     small = design(plants.double_integrator(N=5))
-    assert next(words for words, _ in presets_of(small.network, small.state)) == "the found path"
+    assert (
+        next(words for words, _ in presets_of(small.network, small.state)) == "the known trajectory"
+    )

@@ -81,7 +81,7 @@ def test_grids_are_compared_with_gentler_inequality_rows_too():
     found = compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0)
     assert {candidate.gain_rule.inequality for candidate in found} == {1.0, freeze.GENTLE}
     gentle = next(candidate for candidate in found if candidate.gain_rule.inequality != 1)
-    assert "inequalities x 0.1" in str(gentle)
+    assert "inequality factor 0.1" in str(gentle)
     plain = candidate_of(point, replace(gentle.gain_rule, inequality=1.0), 1.0)
     index = point.network.neuron_index
     duals = [index[dual.neuron] for dual in point.network.cell.duals]
@@ -166,7 +166,7 @@ def test_what_a_long_row_chooses_settles_nearly_as_fast(name, monkeypatch):
     assert found.best.settling < 1.15 * thorough.best.settling
 
 
-@pytest.mark.parametrize("reported", ["spectrum: product", "freeze: rehearsed"])
+@pytest.mark.parametrize("reported", ["spectrum: product", "trial run: after"])
 def test_a_comparison_can_be_ended_in_the_middle(reported, monkeypatch):
     """Of a spectrum or of a rehearsal, which take seconds on a long row."""
     monkeypatch.setattr(Paced.__init__, "__defaults__", (0.0,))

@@ -53,13 +53,13 @@ def test_the_shield_keeps_it_from_a_wall():
     (journey,) = drive([world(disc((1.6, 0), 0.5), duration=2.0)], Straight())
     assert (journey.arrived, journey.collided) == (False, False)
     assert journey.shielded.any()
-    assert "gave up" in str(journey)
+    assert "not reached" in str(journey)
 
 
 def test_robot_before_a_wall_is_told_to_be_held_by_the_safety_filter():
     (held,) = drive([world(disc((1.6, 0), 0.5), duration=4.0)], Straight())
     assert held.held
-    assert "gave up, held by the safety filter after 4.0 s" in str(held)
+    assert "not reached, stopped by the safety filter after 4.0 s" in str(held)
     assert held.clearance.min() >= 0.05
     (late,) = drive([world(duration=0.5)], Straight())  # on its way, without an obstacle
     assert not late.held

@@ -99,7 +99,7 @@ def test_a_price_has_to_be_finite():
 
 
 def test_a_robot_that_touches_nothing_cannot_be_designed():
-    with pytest.raises(DesignError, match="touched nothing"):
+    with pytest.raises(DesignError, match="no contact with an obstacle"):
         design_planner(ROBOT, horizon=6, slots=1, worlds=[world(duration=0.5)])
 
 

@@ -35,7 +35,7 @@ def test_room_is_from_rim_to_rim_and_of_what_is_there():
 @pytest.mark.parametrize(
     ("obstacle", "words"),
     [
-        (disc((0.3, 0), 0.2), r"start: the robot \(radius 0.2\) would stand 0.1 deep"),
+        (disc((0.3, 0), 0.2), r"start: the robot \(radius 0\.2\) overlaps by 0.1 with"),
         (disc((4.1, 0), 0.2), r"goal: .* obstacles\[0\]"),
     ],
 )

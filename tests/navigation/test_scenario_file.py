@@ -57,10 +57,10 @@ def test_the_demo_is_one():
         ('kind = "car"', 'kind = "boat"', "robot.kind: expected one of car, unicycle, got 'boat'"),
         ("reverse = 0.5", "reverse = -0.5", "robot.reverse"),
         ("goal = [5, 5]", "", "goal: missing"),
-        ("goal = [5, 5]", "goal = [2, 2.1]", r"goal: .* 0\.45 deep in obstacles\[0\]"),
+        ("goal = [5, 5]", "goal = [2, 2.1]", r"goal: .* by 0\.45 with obstacles\[0\]"),
         ("sensor = 2.0", "sensor = -2.0", "sensor"),
         ("sensor = 2.0", "sight = 2.0", "sight: unknown key"),
-        ("[4, 3.5]]", "[5, 3]]", r"polygons\[0\].corners: they lie on one line"),
+        ("[4, 3.5]]", "[5, 3]]", r"polygons\[0\].corners: expected a polygon"),
         ("[[discs]]", "[discs]", r"discs: expected tables, each written \[\[discs\]\]"),
     ],
 )

@@ -29,14 +29,14 @@ def cell_of(**fields) -> Cell:
 
 
 BAD_CELLS = {
-    "same name twice": (cell_of(neurons=(X, X)), NetworkError, "used twice.*x"),
+    "same name twice": (cell_of(neurons=(X, X)), NetworkError, "duplicate names.*x"),
     "names that differ by case only": (
         cell_of(neurons=(X, Neuron(name="X"))),
         NetworkError,
-        r"used twice \(case does not count\): x",
+        r"duplicate names \(case is ignored\): x",
     ),
-    "an input called one": (cell_of(inputs=("one",)), NetworkError, "used twice.*one"),
-    "a block named as a neuron": (cell_of(blocks=(Sum(name="x"),)), NetworkError, "twice"),
+    "an input called one": (cell_of(inputs=("one",)), NetworkError, "duplicate names.*one"),
+    "a block named as a neuron": (cell_of(blocks=(Sum(name="x"),)), NetworkError, "duplicate"),
     "half of a letter": (
         cell_of(neurons=(X, Neuron(name="\ud800"))),
         NetworkError,
@@ -134,5 +134,5 @@ def test_one_number_a_stage():
     np.testing.assert_array_equal(values, [2.0, 2.0, 2.0])
     assert not values.flags.writeable
     np.testing.assert_array_equal(per_stage("drive", [1, 2, 3], 3), [1.0, 2.0, 3.0])
-    with pytest.raises(NetworkError, match="drive: expected one number or 3 of them"):
+    with pytest.raises(NetworkError, match="drive: expected one number or 3 values"):
         per_stage("drive", [1, 2], 3)

@@ -70,12 +70,12 @@ WRONG = {
     "sizes that do not agree": (
         {"q_d.x": [1.0, 2.0], "q_d.y": 1.0, "q_0.x": np.zeros((3, 4))},
         NetworkError,
-        "sizes of the batch do not agree: q_d.x has 2, q_0.x has 3 samples",
+        "sizes of the batch differ: q_d.x has 2, q_0.x has 3 samples",
     ),
     "another number of stages": (
         {"q_d.x": np.zeros((2, 5))},
         NetworkError,
-        r"inputs\[q_d.x\]: .* or one a sample and stage, \(B, 4\), got an array of shape \(2, 5\)",
+        r"inputs\[q_d.x\]: .* or one per sample and stage, \(B, 4\), got an array of shape .2, 5",
     ),
     "too many axes": (
         {"q_d.x": np.zeros((2, 4, 1))},

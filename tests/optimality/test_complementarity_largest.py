@@ -35,8 +35,8 @@ def test_values_and_shares_are_told(point):
 @pytest.mark.parametrize(
     ("shares", "reason"),
     [
-        ((1.1, 1.0), "shares of the objectives miss one"),
-        ((1.0, 0.9), "shares of the objectives miss one"),
+        ((1.1, 1.0), "weights of the objectives differ from a sum of one"),
+        ((1.0, 0.9), "weights of the objectives differ from a sum of one"),
     ],
 )
 def test_shares_add_up_to_one(point, shares, reason):
@@ -57,7 +57,7 @@ def test_only_the_largest_has_a_share(point):
     problem, (q, u, *duals), _ = point
     found = certify(problem, q, 1.1 * u, *duals).largest
     assert found.values[0] > found.values[1]
-    assert "an objective with a share is not the largest" in found.reason
+    assert "an objective with a positive weight is below the largest" in found.reason
 
 
 def test_other_shares_are_another_optimum(point):
@@ -78,7 +78,7 @@ def test_at_a_temperature_shares_are_exponentials():
     assert largest.excess == pytest.approx(-T * shares @ np.log(shares))
     moved = replace(largest, shares=shares + np.array([1e-3, -1e-3, 0]))
     assert moved.miss < 1e-12
-    assert "away from where its share has it" in moved.reason
+    assert "differs from the value of its weight" in moved.reason
     assert replace(largest, values=np.array([1.0, 1.2, -9e9])).product < 1e-6
 
 

@@ -38,5 +38,5 @@ def test_states_that_are_not_finite_are_left_out(car, tmp_path):
 def test_a_folder_that_is_a_file_is_an_error(car, tmp_path, inside):
     taken = tmp_path / "taken"
     taken.write_text("not a folder")
-    with pytest.raises(OutputError, match=r"taken.*a file stands where.*give a path in"):
+    with pytest.raises(OutputError, match=r"taken.*a file has the name.*use a path in"):
         plotting.save_all(car, taken / inside)

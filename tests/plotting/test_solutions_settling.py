@@ -25,7 +25,7 @@ def test_prediction_and_settling_time_are_drawn(car):
 
 def test_time_is_counted_in_fastest_time_constants(car):
     axes = residual_panel(car)
-    assert axes.get_xlabel() == "network time (fastest time constants)"
+    assert axes.get_xlabel() == "network time (tau_min)"
     assert axes.get_xlim()[1] == pytest.approx(car.trajectory.time[-1] * car.spectrum.radius)
     marked = next(line for line in axes.lines if line.get_label().startswith("settled"))
     assert marked.get_xdata()[0] == pytest.approx(car.normalised_settling_time)

@@ -21,9 +21,9 @@ def test_the_plane_shows_obstacles_way_and_ends():
         driven.world.obstacles[0].centres(np.array([driven.dt * driven.u.shape[1]]))[0],
     )
     ways = {line.get_label(): line.get_xydata() for line in plane.lines}
-    np.testing.assert_array_equal(ways["way of the robot"], driven.q[:2].T)
+    np.testing.assert_array_equal(ways["path of the robot"], driven.q[:2].T)
     assert {"start", "goal", "plans"} <= ways.keys()
-    assert room.get_ylabel() == "room (m)"
+    assert room.get_ylabel() == "clearance (m)"
     np.testing.assert_allclose(relative_multiplier.lines[0].get_ydata(), driven.relative_multiplier)
     assert residual.get_yscale() == "log"
 
@@ -32,5 +32,5 @@ def test_journey_without_residuals_has_no_empty_panels():
     """The waypoint planner runs no network."""
     driven = a_journey()
     figure = picture(replace(driven, residuals=np.zeros_like(driven.residuals)))
-    assert [axes.get_ylabel() for axes in figure.axes] == ["y (m)", "room (m)"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["y (m)", "clearance (m)"]
     assert figure.axes[1].get_xlabel() == "time (s)"

@@ -104,23 +104,23 @@ def test_bounds_hold_where_their_rows_do(pair, point):
 REFUSED = [
     (None, "bounds: expected a mapping", "got None"),
     ([(0, 1)], "bounds: expected a mapping", '{"x": (0, None)}'),
-    ({w: (0, 1)}, "bounds: 'w' is given twice or is none of x, v, a, b", "states"),
-    ({"z": (0, 1)}, "bounds: 'z' is given twice or is none of", "only states and controls"),
-    ({3: (0, 1)}, "bounds: 3 is given twice or is none of", "only states and controls"),
-    ({x: (-1, 1), "x": (0, 1)}, "bounds: 'x' is given twice", "x, v, a, b"),
+    ({w: (0, 1)}, "bounds: 'w' is specified twice or is none of x, v, a, b", "states"),
+    ({"z": (0, 1)}, "bounds: 'z' is specified twice or is none of", "only states and controls"),
+    ({3: (0, 1)}, "bounds: 3 is specified twice or is none of", "only states and controls"),
+    ({x: (-1, 1), "x": (0, 1)}, "bounds: 'x' is specified twice", "x, v, a, b"),
     ({x: 1}, "bounds[x]: expected (low, high)", "got 1"),
-    ({x: (0,)}, "bounds[x]: expected (low, high)", "None where there is none"),
-    ({x: (0, 1, 2)}, "bounds[x]: expected (low, high)", "None where there is none"),
+    ({x: (0,)}, "bounds[x]: expected (low, high)", "None for no bound"),
+    ({x: (0, 1, 2)}, "bounds[x]: expected (low, high)", "None for no bound"),
     ({x: "01"}, "bounds[x]: expected (low, high)", "got '01'"),
-    ({x: {0, 1}}, "bounds[x]: expected (low, high)", "None where there is none"),
-    ({x: (0, math.nan)}, "bounds[x]: nan is no finite number", "or None"),
-    ({x: ("0", 1)}, "bounds[x]: '0' is no finite number", "or None"),
-    ({x: (True, 3)}, "bounds[x]: True is no finite number", "or None"),
-    ({x: (v, 3)}, "bounds[x]: v is no finite number", "or None"),
-    ({x: (math.inf, None)}, "bounds[x]: inf is no finite number", "or None"),
-    ({x: (None, -math.inf)}, "bounds[x]: -inf is no finite number", "or None"),
+    ({x: {0, 1}}, "bounds[x]: expected (low, high)", "None for no bound"),
+    ({x: (0, math.nan)}, "bounds[x]: expected a finite number or None, got nan", "or None"),
+    ({x: ("0", 1)}, "bounds[x]: expected a finite number or None, got '0'", "or None"),
+    ({x: (True, 3)}, "bounds[x]: expected a finite number or None, got True", "or None"),
+    ({x: (v, 3)}, "bounds[x]: expected a finite number or None, got v", "or None"),
+    ({x: (math.inf, None)}, "bounds[x]: expected a finite number or None, got inf", "or None"),
+    ({x: (None, -math.inf)}, "bounds[x]: expected a finite number or None, got -inf", "or None"),
     ({a: (1, -1)}, "bounds[a]: the lower bound 1 is not below the upper bound -1", "low < high"),
-    ({a: (1, 1)}, "bounds[a]: the lower bound 1 is not below the upper bound 1", "as a number"),
+    ({a: (1, 1)}, "bounds[a]: the lower bound 1 is not below the upper bound 1", "numbers"),
     ({x: (0.5, 2)}, "bounds[x]: q_0 sets it to 0, outside 0.5 to 2", "change q_0"),
     ({x: (None, 0.5)}, "bounds[x]: q_d sets it to 1, outside -inf to 0.5", "leave it free"),
 ]
@@ -142,5 +142,7 @@ def test_a_step_length_that_is_chosen_has_bounds_of_its_own():
     given = problem(dt=StepLength(low=0.1, high=0.5), bounds={x: (0, 1)})
     assert [row.name for row in given.inequalities] == ["x_low", "x_high"]
     for name in ("h", "h_free"):
-        with pytest.raises(ProblemError, match=f"^bounds: '{name}' is given twice or is none of"):
+        with pytest.raises(
+            ProblemError, match=f"^bounds: '{name}' is specified twice or is none of"
+        ):
             problem(dt=StepLength(low=0.1, high=0.5), bounds={name: (0, 1)})

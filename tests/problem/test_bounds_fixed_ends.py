@@ -34,25 +34,26 @@ def problem(**changes) -> OptimalControlProblem:
 REFUSED = [
     (
         {"constraints": {"disc": DISC}, "q_0": (0.5, 1)},
-        "constraints[disc]: q_0 (x = 0.5, y = 1) breaks it, whatever is chosen: "
-        "-(x - 1)**2 - (y - 1)**2 + 1 <= 0 is asked, and it is 0.75 there; move q_0, free one",
+        "constraints[disc]: q_0 (x = 0.5, y = 1) violates it for all controls: "
+        "-(x - 1)**2 - (y - 1)**2 + 1 <= 0 is required, but it is 0.75 there; move q_0, free one",
     ),
     (
         {"constraints": [x <= 3, x >= w]},
-        "constraints[g2]: q_0 (x = 0) breaks it, whatever is chosen: w - x <= 0 is asked, and it "
+        "constraints[g2]: q_0 (x = 0) violates it for all controls: w - x <= 0 is required, but it "
         "is 2 there; move q_0",
     ),
     (
         {"terminal_constraints": {"near": x <= w - 1.5}},
-        "terminal_constraints[near]: q_d (x = 3) breaks it, whatever is chosen: -w + x + 1.5 <= 0 "
-        "is asked, and it is 0.5 there; move q_d",
+        "terminal_constraints[near]: q_d (x = 3) violates it for all controls: -w + x + 1.5 <= 0 "
+        "is required, but it is 0.5 there; move q_d",
     ),
     (
         {"constraints": [sp.log(x) <= 1]},
-        "constraints[g1]: q_0 (x = 0) breaks it, whatever is chosen: log(x) - 1 <= 0 is asked, and "
+        "constraints[g1]: q_0 (x = 0) violates it for all controls: log(x) - 1 <= 0 is required, "
+        "but "
         "it has no finite value there",
     ),
-    ({"constraints": [sp.sqrt(x - 1) <= 1]}, "constraints[g1]: q_0 (x = 0) breaks it"),
+    ({"constraints": [sp.sqrt(x - 1) <= 1]}, "constraints[g1]: q_0 (x = 0) violates it"),
 ]
 
 

@@ -92,11 +92,11 @@ def test_figures_take_such_names():
 @pytest.mark.parametrize(
     ("names", "reason"),
     [
-        ({"state": "sin"}, "a formula that is written as text means a function"),
-        ({"control": "pi"}, "a formula that is written as text means a function or a number by it"),
-        ({"state": "nan"}, "tables and files write a number that way"),
-        ({"given": "one"}, "the node behind every constant is called so"),
-        ({"given": "q_d"}, "with_inputs and --set mean an end of the problem by it"),
+        ({"state": "sin"}, "formulas in text form use it for a function"),
+        ({"control": "pi"}, "formulas in text form use it for a function or a number"),
+        ({"state": "nan"}, "tables and files use it for a number"),
+        ({"given": "one"}, "the node of constants has this name"),
+        ({"given": "q_d"}, "with_inputs and --set use it"),
         ({"state": "a__b"}, "netlists write the stage behind a double '_'"),
     ],
 )

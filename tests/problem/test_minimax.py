@@ -39,7 +39,7 @@ def test_weights_are_inputs_and_stay_what_they_are():
     moved = problem.with_inputs(weight_J1=0.5, weight_J2=0.5)
     assert moved.weights == {"J1": 0.5, "J2": 0.5}
     assert moved.inputs[sp.Symbol("weight_J1")].tolist() == [0.5] * 4
-    with pytest.raises(ProblemError, match="they have to add up to 1"):
+    with pytest.raises(ProblemError, match="expected a sum of 1"):
         problem.with_inputs(weight_J1=0.9)
 
 
@@ -69,7 +69,7 @@ def test_a_problem_without_objectives_has_no_shares():
     ("given", "message"),
     [
         ({}, "cost: missing"),
-        ({"objectives": (EFFORT,)}, "objectives: one objective alone is a cost"),
+        ({"objectives": (EFFORT,)}, "objectives: expected two or more; declare a single"),
         ({"objectives": (EFFORT, sp.Integer(3))}, r"objectives\[J2\]: 3 has none of a, v, x"),
         ({"objectives": (EFFORT, sp.Abs(x))}, r"objectives\[J2\]: .* not smooth"),
         ({"objectives": (EFFORT, sp.Symbol("w"))}, r"objectives\[J2\]: unknown symbol w"),
@@ -77,7 +77,7 @@ def test_a_problem_without_objectives_has_no_shares():
         ({"objectives": {"E": EFFORT, "e": ERROR}}, "used twice"),
         ({"objectives": {1: EFFORT, 2: ERROR}}, "objectives: expected names"),
         ({"objectives": EFFORT}, "objectives: expected a sequence"),
-        ({"cost": EFFORT, "weights": (1.0,)}, "weights: there are no objectives"),
+        ({"cost": EFFORT, "weights": (1.0,)}, "weights: the problem has no objectives"),
         ({"objectives": (EFFORT, ERROR), "weights": (1.0,)}, "weights: expected one for each"),
         ({"objectives": (EFFORT, ERROR), "weights": (0.5, 0.6)}, "add up to 1.1"),
         ({"objectives": (EFFORT, ERROR), "weights": (1.5, -0.5)}, r"weights\[J2\]"),
@@ -86,7 +86,7 @@ def test_a_problem_without_objectives_has_no_shares():
         ({"objectives": (EFFORT, ERROR), "weights": "half"}, "weights: expected one for each"),
         ({"objectives": (EFFORT, ERROR), "temperature": -0.1}, "temperature: expected zero or"),
         ({"objectives": (EFFORT, ERROR), "temperature": float("inf")}, "temperature: expected"),
-        ({"cost": EFFORT, "temperature": 0.1}, "temperature: there are no objectives"),
+        ({"cost": EFFORT, "temperature": 0.1}, "temperature: the problem has no objectives"),
     ],
 )
 def test_what_is_no_objective_is_refused_by_its_field(given, message):
@@ -149,7 +149,7 @@ def test_objectives_in_a_file(tmp_path, keys, tables, names):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("", "cost: missing; give a stage cost, or objectives"),
+        ("", "cost: missing; add a stage cost, or objectives"),
         ('objectives = "a**2"', "objectives: expected a table"),
         ('objectives = ["a**2", "x**2"]\nweights = "half"', "weights: expected one"),
         ('objectives = ["a**2", "y**2"]', "objectives.J2"),

@@ -41,7 +41,7 @@ x, y, v = sp.symbols("x y v")
     [
         ({"states": (x,), "dynamics": (v,)}, "states: expected x, y"),
         ({"bounds": {}}, "bounds: every control needs"),
-        ({"dynamics": (v, 1 + v)}, "dynamics: with all controls zero"),
+        ({"dynamics": (v, 1 + v)}, "dynamics: expected a robot at rest if all controls are zero"),
     ],
 )
 def test_what_is_no_robot_is_refused(changes, words):

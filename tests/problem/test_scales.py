@@ -237,7 +237,7 @@ BAD = [
     ({"a": Scale(1.0, float("inf"))}, "scales[a]: expected a positive finite number"),
     ({"v": Scale(0.0, 1.0)}, "scales[v]: expected a positive finite number"),
     ({"cost": 0}, "scales[cost]: expected a positive finite number"),
-    ({"cost": Scale(1.0, 2.0)}, "scales[cost]: the cost has a factor alone"),
+    ({"cost": Scale(1.0, 2.0)}, "scales[cost]: expected a positive"),
     ({"x": "far"}, "scales[x]: expected a positive finite number"),
     ({"x": None}, "scales[x]: expected a positive finite number"),
     ({"x": [1.0, 2.0]}, "scales[x]: expected a positive finite number"),

@@ -105,7 +105,10 @@ def test_numbers_are_the_same_to_the_last_bit():
         ({"horizon": 10**9}, "horizon"),
         ({"inputs": {"w": np.ones(4)}}, r"inputs\[w\]"),
         ({"constraints": {"c": relation("open('x')", "<=")}}, r"constraints\[c\]: .* not allowed"),
-        ({"constraints": {"c": relation("x", "==")}}, r"constraints\[c\]: '==' is none of <=, <"),
+        (
+            {"constraints": {"c": relation("x", "==")}},
+            r"constraints\[c\]: '==' is not one of <=, <",
+        ),
         ({"constraints": {"c d": relation("x", "<=")}}, "constraints: name 'c d'"),
         ({"constraints": {"c": relation("w", "<=")}}, r"constraints\[c\]: w <= 1 has none of"),
         ({"terminal_constraints": {"c": relation("a", "<=")}}, r"terminal_constraints\[c\]"),

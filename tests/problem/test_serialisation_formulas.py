@@ -113,7 +113,7 @@ def test_a_function_without_a_word_is_named():
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ((), "cost: no line"),
+        ((), "cost: expected a line"),
         (("__import__('os')",), "not allowed"),
         (("_2", "x"), "not a name"),
         (("x", ""), "empty"),

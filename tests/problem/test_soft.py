@@ -100,16 +100,16 @@ def test_an_end_may_break_a_soft_row_only():
         (-1, "weight: expected a positive finite number, got -1"),
         (0, "weight: expected a positive"),
         (math.nan, "weight: expected a positive"),
-        (math.inf, "neither a finite weight nor a compliance"),
+        (math.inf, "expected a finite weight or a compliance"),
         (True, "weight: expected a positive"),
         ("30", "weight: expected a positive"),
         (None, "weight: expected a positive"),
-        ({"wal": 3}, "no row 'wal'; give one of wall, end1, v_low, v_high"),
-        ({"a": 3}, "a is a control, and its limits are rails"),
-        ({"a_high": 3}, "a is a control, and its limits are rails"),
-        ({"wall": {"prize": 3}}, "unknown key 'prize'; a soft row has weight, compliance"),
+        ({"wal": 3}, "unknown constraint 'wal'; choose one of wall, end1, v_low, v_high"),
+        ({"a": 3}, "a is a control, whose bounds are hard"),
+        ({"a_high": 3}, "a is a control, whose bounds are hard"),
+        ({"wall": {"prize": 3}}, "unknown key 'prize'; a soft constraint has weight, compliance"),
         ({"wall": -3}, r"soft\[wall\].weight"),
-        ({"wall": {}}, "neither a finite weight nor a compliance"),
+        ({"wall": {}}, "expected a finite weight or a compliance"),
     ],
 )
 def test_what_is_no_price_is_refused(given_soft, words):
@@ -124,7 +124,7 @@ def test_a_compliance_is_a_number_from_zero_on(compliance):
 
 
 def test_there_has_to_be_a_row():
-    with pytest.raises(ProblemError, match="no inequality that could be soft"):
+    with pytest.raises(ProblemError, match="no inequality constraint"):
         replace(PROBLEM, constraints=(), terminal_constraints=(), bounds={a: (-1, 1)}, soft=3)
 
 
@@ -166,7 +166,7 @@ def test_files_say_the_same(tmp_path):
     assert loaded(tmp_path, after="[soft]\nwall_low = {compliance = 1}") == {
         "wall_low": Soft(compliance=1)
     }
-    with pytest.raises(ProblemError, match=r"problem.toml: soft: there is no row 'wall'"):
+    with pytest.raises(ProblemError, match=r"problem.toml: soft: unknown constraint 'wall'"):
         loaded(tmp_path, after="[soft]\nwall = 3")
     with pytest.raises(ProblemError, match=r"problem.toml: soft\[a\]: a is a control"):
         loaded(tmp_path, after="[soft]\na = 3")

@@ -74,7 +74,7 @@ def test_at_a_bound_the_slope_is_zero_and_the_curvature_is_not(high):
         ({"low": 0.1, "high": math.inf}, r"dt\.high: .* got inf"),
         ({"low": 0.1, "high": math.nan}, r"dt\.high: .* got nan"),
         ({"low": 0.5, "high": 0.1}, r"dt\.low, dt\.high: the lower bound 0\.5 is not below"),
-        ({"low": 0.5, "high": 0.5}, r"dt\.low, dt\.high: .* give low < high"),
+        ({"low": 0.5, "high": 0.5}, r"dt\.low, dt\.high: .* use low < high"),
         ({"low": 0.1, "high": 0.5, "guess": 0.5}, r"dt\.guess: 0\.5 is not between .*0\.1 to 0\.5"),
         ({"low": 0.1, "guess": 0.1}, r"dt\.guess: 0\.1 is not between .*at least 0\.1"),
         ({"low": 0.1, "guess": math.nan}, r"dt\.guess: .* got nan"),

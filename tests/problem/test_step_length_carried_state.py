@@ -91,5 +91,5 @@ def test_what_does_not_fit_is_refused_in_the_users_own_names(changes, message):
 
 
 def test_a_problem_that_chooses_takes_no_number_afterwards():
-    with pytest.raises(ProblemError, match=r"dt: 0\.1 is given, but this problem chooses"):
+    with pytest.raises(ProblemError, match=r"dt: got 0\.1, but the step length of this problem is"):
         replace(mass(), dt=0.1)

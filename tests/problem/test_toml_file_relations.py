@@ -62,14 +62,14 @@ def test_what_sympy_writes_is_read_again(left, sign, right):
 
 
 REFUSED = [
-    ("x", "'x' is no inequality", "x**2 + y <= 1"),
-    ("", "'' is no inequality", "<=, <, >= or >"),
-    ("x = 1", "'x = 1' is no inequality", "equality belongs into the map"),
-    ("x == 1", "'x == 1' is no inequality", "equality belongs into the map"),
-    ("x => 1", "'x => 1' is no inequality", "<="),
-    ("x <= 1 == y", "'x <= 1 == y' is no inequality", "<="),
-    ("0 <= x <= y <= 1", "'0 <= x <= y <= 1' is no inequality", "-1 <= x <= 1"),
-    ("0 <= x >= y", "'0 <= x >= y' compares its middle", "two inequalities"),
+    ("x", "'x' is not an inequality", "x**2 + y <= 1"),
+    ("", "'' is not an inequality", "<=, <, >= or >"),
+    ("x = 1", "'x = 1' is not an inequality", "equality by the map"),
+    ("x == 1", "'x == 1' is not an inequality", "equality by the map"),
+    ("x => 1", "'x => 1' is not an inequality", "<="),
+    ("x <= 1 == y", "'x <= 1 == y' is not an inequality", "<="),
+    ("0 <= x <= y <= 1", "'0 <= x <= y <= 1' is not an inequality", "-1 <= x <= 1"),
+    ("0 <= x >= y", "'0 <= x >= y' has two bounds on the same side", "two inequalities"),
     ("x <=", "the text is empty", "write an expression"),
     ("x <= 1 and y <= 2", "'1 and y' is a logical operation", "Allowed"),
     ("x <= 1, y <= 2", "'1, y' is a list of values", "Allowed"),

@@ -13,11 +13,11 @@ from ann_dc.report.boards import InterfaceTable
 @pytest.mark.parametrize(
     ("circuit_error", "noise", "settling_time", "good", "reported"),
     [
-        (1e-3, math.nan, 1e-5, True, "inputs near these, too; 1.00e-03 is the circuit's own"),
-        (1e-3, 9e-3, 1e-5, True, "noise of 9.0e-03 rms beside it"),
-        (1e-3, 1e-2, 1e-5, False, "noise of 1.0e-02 rms beside it"),
+        (1e-3, math.nan, 1e-5, True, "nearby inputs included; 1.00e-03 from the circuit"),
+        (1e-3, 9e-3, 1e-5, True, "noise of 9.0e-03 rms in addition"),
+        (1e-3, 1e-2, 1e-5, False, "noise of 1.0e-02 rms in addition"),
         (9e-3, 1e-4, 1e-5, False, "1.10e-02 at most"),
-        (1e-3, 1e-4, math.nan, False, "the circuit does not get to its settled point"),
+        (1e-3, 1e-4, math.nan, False, "the circuit does not reach its equilibrium"),
         (math.nan, math.nan, math.nan, False, "the circuit oscillates"),
     ],
 )

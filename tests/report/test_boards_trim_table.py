@@ -34,10 +34,10 @@ def shown(after):
 def test_circuits_that_do_not_settle_are_infinitely_wrong():
     table, words = shown([np.inf] * 9 + [0.01])
     assert not table.good
-    assert "to unsettled, from unsettled" in words
+    assert "to not settled, from not settled" in words
     assert "1 of 10" in words
     assert "9 do not settle" in words
-    assert "buy better resistors or parts" in words
+    assert "use better resistors or parts" in words
     assert table.as_dict()["trimming"]["reached"] is False
 
 
@@ -54,4 +54,4 @@ def test_as_many_as_were_asked_for_keep_it():
     assert "draw more (--samples)" in words
     worse, words = shown([0.01] * 50 + [0.06] * 50)
     assert not worse.good
-    assert "buy better resistors or parts" in words
+    assert "use better resistors or parts" in words

@@ -21,9 +21,12 @@ def test_circuits_whose_settling_time_is_not_known_are_counted():
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())
-    assert "not known of 2, which count as lost: its transient ran out of steps" in said.get()
+    assert (
+        "unknown for 2 circuits, which count as failed: its transient ran out of steps"
+        in said.get()
+    )
     assert "resistors 1 %, offsets of op amps 1 mV" in said.get()
-    assert "not computed, and not counted" in said.get()
+    assert "not computed, not included" in said.get()
     assert table.as_dict()["yield"]["unknown"] == found.unknown
 
 

@@ -39,7 +39,7 @@ def words(backend, with_limits=False, samples=0):
 @pytest.mark.parametrize("with_limits", [False, True])
 def test_a_bill_has_the_parts_of_rails(with_limits):
     _, said = words(SpiceBackend(level=macro()), with_limits)
-    assert ("those of rails: --bom" in said) == with_limits
+    assert ("clamps: --bom" in said) == with_limits
 
 
 def test_how_far_a_series_is_off_is_told_of_resistors_and_capacitors():
@@ -53,26 +53,26 @@ def test_how_far_a_series_is_off_is_told_of_resistors_and_capacitors():
     assert found.series_rounding == pytest.approx(
         {"resistor": largest["r"], "capacitor": largest["c"]}, rel=1e-12
     )
-    assert f"E12: off by up to {largest['r']:.2%}" in said
+    assert f"E12: rounding errors up to {largest['r']:.2%}" in said
     assert f"capacitors of E12: {largest['c']:.2%}" in said
-    assert "take pairs, or exact ones" in found.shortcoming
+    assert "use pairs, or exact values" in found.shortcoming
 
 
 def test_noise_counts_with_every_drawn_circuit():
     """At a full scale of 10 uV none of them is within 1 %, however right its parts are."""
     level = macro(tolerances=Tolerances(resistor=1e-4))
     _, said = words(SpiceBackend(level=level), samples=3)
-    assert "3 of 3 within 1%, noise counted" in said
+    assert "3 of 3 within 1%, noise included" in said
     found, said = words(SpiceBackend(level=replace(level, full_scale=1e-5)), samples=3)
     assert found.samples.max() < 0.01 < found.noise
-    assert "0 of 3 within 1%, noise counted" in said
+    assert "0 of 3 within 1%, noise included" in said
 
 
 @pytest.mark.parametrize(("volts", "advised"), [(1.0, True), (12.0, False)])
 def test_a_larger_full_scale_is_advised_where_parts_have_room(volts, advised):
     rails = Datasheet(a0=300.0, output_swing=14.5)
     found, _ = words(SpiceBackend(level=replace(macro(datasheet=rails), full_scale=volts)))
-    assert found.shortcoming.startswith("the error of its controls is predicted to be")
+    assert found.shortcoming.startswith("the error of the controls is predicted to be")
     assert ("a larger full scale" in found.shortcoming) == advised
 
 

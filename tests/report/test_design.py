@@ -1,5 +1,7 @@
 """Table of the candidates of a design."""
 
+import re
+
 from command_line import run
 from rich.console import Console
 
@@ -20,7 +22,7 @@ def test_candidate_table_names_the_selected_kind_and_those_not_evaluated():
     network = solver.synthesize(ann_dc.plants.double_integrator(N=5))
     design = solver.design(network)
     text = shown(design)
-    assert f"{design.best.kind.value} (selected)" in text
+    assert re.search(rf"{design.best.kind.value} \d+ \S+ \d+ selected", text)
     evaluated = {candidate.kind for candidate in design.candidates}
     listed = text.partition("not evaluated: ")[2]
     assert {kind for kind in PreconditionerKind if kind.value in listed} >= (
@@ -35,4 +37,4 @@ def test_candidate_table_lists_only_requested_kinds():
     code, text = run("design", "double_integrator", "-N", "5", "--preconditioner", "diagonal")
     assert code == 0
     assert "not evaluated" not in text
-    assert "diagonal (selected)" in text
+    assert re.search(r"diagonal \d+ \S+ \d+ selected", " ".join(text.split()))

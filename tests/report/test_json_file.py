@@ -19,5 +19,5 @@ def test_room_is_made_in_a_new_folder_and_not_on_a_folder(tmp_path):
     make_room(None)
     make_room(tmp_path / "new" / "result.json")
     assert (tmp_path / "new").is_dir()
-    with pytest.raises(OutputError, match="is a folder; give the name of a file"):
+    with pytest.raises(OutputError, match="is a folder; use a file"):
         make_room(tmp_path)

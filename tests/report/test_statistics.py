@@ -44,7 +44,7 @@ def test_yields_of_a_page_are_those_of_the_study():
     found = findings(400)
     columns = {name: found.frame[name].to_numpy() for name in found.frame.columns}
     names, yields = zip(*found.yields)
-    assert (names[0], names[-1]) == ("settled", "all of it")
+    assert (names[0], names[-1]) == ("settled", "total")
     assert yields[-1] == yield_of(columns, found.identity["spec"])
     rows = np.arange(7, 150, 3)
     some = {name: cells[rows] for name, cells in columns.items()}

@@ -42,7 +42,7 @@ def ends_after(lines):
 
     def reported(line):
         if next(left, None) is None:
-            raise Stopped("it was interrupted")
+            raise Stopped("interrupted")
 
     return reported
 

@@ -95,7 +95,7 @@ def test_the_network_of_a_saved_solution_is_a_weight_file(tmp_path):
 
 def test_a_folder_that_exists_is_refused_and_stays(tmp_path):
     (tmp_path / "kept").mkdir()
-    with pytest.raises(OutputError, match=r"exists already.*name of a new folder"):
+    with pytest.raises(OutputError, match=r"exists already.*use a new folder"):
         SOLVED["gains by hand"]().save(tmp_path / "kept")
     assert list((tmp_path / "kept").iterdir()) == []
 
@@ -113,7 +113,7 @@ def test_a_network_of_another_problem_is_refused(other, tmp_path):
         "certificate": solution.certificate,
     }
     save_result(tmp_path / "mixed", {"network": solution.network}, records)
-    with pytest.raises(FileFormatError, match=r"mixed.*which is none of the problem"):
+    with pytest.raises(FileFormatError, match=r"mixed.*which does not belong to the problem"):
         ann_dc.load_solution(tmp_path / "mixed")
 
 
@@ -149,7 +149,7 @@ def test_a_design_without_its_network_is_refused(tmp_path):
 def test_save_overwrite_replaces_a_saved_solution_only(tmp_path):
     solution = SOLVED["gains by hand"]()
     solution.save(tmp_path / "saved")
-    with pytest.raises(OutputError, match="give overwrite=True or --overwrite"):
+    with pytest.raises(OutputError, match="use overwrite=True or --overwrite"):
         solution.save(tmp_path / "saved")
     (tmp_path / "saved" / "SHA256SUMS").unlink()
     solution.save(tmp_path / "saved", overwrite=True)

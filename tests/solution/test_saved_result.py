@@ -85,7 +85,7 @@ def test_a_file_that_is_damaged_missing_or_cut_off_is_refused(folder, name):
         with pytest.raises(FileFormatError):
             ann_dc.load_solution(folder)
     file.write_bytes(content[: len(content) // 2])
-    refused(folder, "not what was saved|no line of it|does not name")
+    refused(folder, "changed after it was saved|is not a valid line|does not name")
     file.unlink()
     refused(folder, f"{name}|SHA256SUMS")
 
@@ -112,7 +112,7 @@ def test_no_sum_leads_out_of_the_folder(folder, line):
     digest = hashlib.sha256((folder / "network.npz").read_bytes()).hexdigest()
     with (folder / "SHA256SUMS").open("a") as sums:
         sums.write(line.format(digest=digest) + "\n")
-    refused(folder, "SHA256SUMS: .* is no line of it")
+    refused(folder, "SHA256SUMS: .* is not a valid line")
 
 
 @pytest.mark.parametrize("name", ["../network", "/etc/passwd", "", "nothing", "arrays", "a\x00b"])
@@ -128,8 +128,8 @@ def test_a_file_that_no_network_needs_is_refused(folder):
 
 
 CHANGES = {
-    "no table": (lambda t: t.clear(), "does not say 'ann_dc solution'"),
-    "a network's": (lambda t: t.update(format="ann_dc network"), "is this a saved solution"),
+    "no table": (lambda t: t.clear(), "does not contain 'ann_dc solution'"),
+    "a network's": (lambda t: t.update(format="ann_dc network"), "save the solution again"),
     "unknown key": (lambda t: t.update(code="import os"), "unknown key code"),
     "unknown record": (lambda t: t["records"].update(more={}), "unknown more"),
     "no records": (lambda t: t.update(records=[]), "records: expected dict"),
@@ -160,7 +160,10 @@ CHANGES = {
         lambda t: t["records"]["problem"].update(cost=["__import__('os').system('true')"]),
         "cost: .*is not allowed",
     ),
-    "another horizon": (lambda t: t["records"]["problem"].update(horizon=4), "none of the problem"),
+    "another horizon": (
+        lambda t: t["records"]["problem"].update(horizon=4),
+        "not belong to the problem",
+    ),
     "deep": (lambda t: t["records"].update(run=json.loads("[" * 900 + "]" * 900)), "a table"),
 }
 
@@ -228,7 +231,7 @@ def test_arrays_that_claim_more_than_the_file_has_are_refused(folder):
 @pytest.mark.parametrize("place", ["nothing", "file", "\x00"])
 def test_what_is_no_folder_is_refused(tmp_path, place):
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(FileFormatError, match=r"give the path of a folder"):
+    with pytest.raises(FileFormatError, match=r"use the path of a folder"):
         ann_dc.load_solution(tmp_path / place)
 
 
@@ -247,7 +250,7 @@ def test_what_cannot_be_saved_leaves_nothing(tmp_path, solution):
     for thing in (object(), {"x": np.array([1, 2])}, {"x": 1j}):
         with pytest.raises(OutputError, match=r"thing.* cannot be saved"):
             save_result(tmp_path / "new", {}, {"thing": thing})
-    with pytest.raises(OutputError, match="in a folder that exists"):
+    with pytest.raises(OutputError, match="in an existing, writable folder"):
         solution.save(tmp_path / "no" / "folder")
     assert list(tmp_path.iterdir()) == []
 

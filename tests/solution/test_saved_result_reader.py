@@ -103,7 +103,7 @@ BAD = {
         "Diagonal",
     ),
     "a preconditioner that is none": (Preconditioner, {}, UnknownNameError, "Multilevel"),
-    "no levels": (Preconditioner, {"type": "Multilevel", "gains": []}, NetworkError, "no levels"),
+    "no levels": (Preconditioner, {"type": "Multilevel", "gains": []}, NetworkError, "got none"),
 }
 
 

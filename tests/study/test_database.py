@@ -54,7 +54,10 @@ print(kept)
 def check_full(folder, done):
     assert done.returncode == 0, done.stderr
     sentence, kept = done.stdout.splitlines()
-    assert "is the disk full, or a limit of file sizes reached? Everything stored" in sentence
+    assert (
+        "the disk may be full, or a limit of file sizes reached; earlier records are stored"
+        in sentence
+    )
     assert int(kept) > 10
     with Store.open(folder) as store:
         assert store.finished() == {*range(int(kept))}
@@ -106,22 +109,22 @@ def test_a_folder_that_may_only_be_read():
         folder.chmod(0o755)
     assert done.returncode == 0, done.stderr
     sentence, number = done.stdout.splitlines()
-    assert "Permission denied; give a folder of your own that may be written to" in sentence
+    assert "Permission denied; use a writable folder" in sentence
     assert number == "2"
 
 
 def test_a_file_stands_where_the_folder_should(tmp_path):
     (tmp_path / "taken").write_text("kept")
-    with pytest.raises(StoreError, match="a file stands where a folder is needed"):
+    with pytest.raises(StoreError, match="a file has the name of the folder"):
         begun(tmp_path / "taken")
-    with pytest.raises(StoreError, match="there is no study in it"):
+    with pytest.raises(StoreError, match="expected a study"):
         Store.open(tmp_path / "taken")
 
 
 @pytest.mark.parametrize("name", ["empty", "none"])
 def test_no_study(tmp_path, name):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(StoreError, match=r"there is no study in it \(study.sqlite is missing\)"):
+    with pytest.raises(StoreError, match=r"expected a study \(study\.sqlite is missing\)"):
         Store.open(tmp_path / name)
 
 
@@ -139,7 +142,7 @@ def test_a_file_that_is_no_store(tmp_path, content):
     (tmp_path / "study.sqlite").write_bytes(content)
     calls = [Store.open] if not content else [Store.open, begun]
     for call in calls:
-        with pytest.raises(StoreError, match=r"not the store of a study|damaged"):
+        with pytest.raises(StoreError, match=r"not a study database"):
             call(tmp_path)
     assert (tmp_path / "study.sqlite").read_bytes() == content
 
@@ -150,7 +153,7 @@ def test_a_database_of_somebody_else(tmp_path):
     database.commit()
     before = (tmp_path / "study.sqlite").read_bytes()
     for call in (begun, Store.open):
-        with pytest.raises(StoreError, match="not the store of a study"):
+        with pytest.raises(StoreError, match="not a study database"):
             call(tmp_path)
     database.close()
     assert (tmp_path / "study.sqlite").read_bytes() == before
@@ -159,19 +162,25 @@ def test_a_database_of_somebody_else(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("UPDATE meta SET value = '99' WHERE name = 'layout'", "the store has layout 99, this ver"),
-        ("DELETE FROM meta WHERE name = 'layout'", "the store has layout None"),
-        ("UPDATE meta SET value = '{' WHERE name = 'identity'", "the store is damaged"),
-        ("UPDATE meta SET value = '5' WHERE name = 'columns'", "the store is damaged"),
+        (
+            "UPDATE meta SET value = '99' WHERE name = 'layout'",
+            "the database has layout 99, this ver",
+        ),
+        ("DELETE FROM meta WHERE name = 'layout'", "the database has layout None"),
+        ("UPDATE meta SET value = '{' WHERE name = 'identity'", "the database is damaged"),
+        ("UPDATE meta SET value = '5' WHERE name = 'columns'", "the database is damaged"),
         ("UPDATE meta SET value = '[[]]' WHERE name = 'columns'", "expected printable names"),
-        ("UPDATE meta SET value = '[]' WHERE name = 'kinds'", "the store is damaged"),
-        ("UPDATE meta SET value = '{\"note\": 5}' WHERE name = 'kinds'", "the store is damaged"),
-        ("UPDATE meta SET value = '5' WHERE name = 'identity'", "the store is damaged"),
-        ("DELETE FROM meta WHERE name = 'kinds'", "the store is damaged"),
+        ("UPDATE meta SET value = '[]' WHERE name = 'kinds'", "the database is damaged"),
+        ("UPDATE meta SET value = '{\"note\": 5}' WHERE name = 'kinds'", "the database is damaged"),
+        ("UPDATE meta SET value = '5' WHERE name = 'identity'", "the database is damaged"),
+        ("DELETE FROM meta WHERE name = 'kinds'", "the database is damaged"),
         ("ALTER TABLE rows DROP COLUMN note", "columns of its rows are missing"),
-        ("DROP TABLE curves", "not the store of a study"),
-        ("CREATE TRIGGER t AFTER INSERT ON rows BEGIN DELETE FROM rows; END", "not the store of"),
-        ("CREATE VIEW v AS SELECT 1", "not the store of a study"),
+        ("DROP TABLE curves", "not a study database"),
+        (
+            "CREATE TRIGGER t AFTER INSERT ON rows BEGIN DELETE FROM rows; END",
+            "not a study database",
+        ),
+        ("CREATE VIEW v AS SELECT 1", "not a study database"),
     ],
 )
 def test_a_store_of_another_version_or_damaged(tmp_path, change, message):

@@ -103,7 +103,7 @@ def test_what_raises_is_a_row_that_says_why(store):
 @pytest.mark.parametrize(
     ("work", "message"),
     [
-        (small_work.nonsense, "the work gave rows of other points than it was asked for: []"),
+        (small_work.nonsense, "the task returned records of other cases: []"),
         (small_work.odd, "peak: expected a number of at most 64 bits, a text, true, false or none"),
     ],
 )
@@ -120,7 +120,7 @@ def test_a_point_that_hangs_is_ended_alone(store):
     tally = execute(tasks(asked, 3), small_work.work, store, workers=2, limit=0.2)
     assert tally.outcomes == {"settled": 4, "timed out": 2}
     assert outcomes(store)[1] == outcomes(store)[3] == "timed out"
-    assert messages(store)[1] == "0.2 s were over (limit)"
+    assert messages(store)[1] == "the time limit of 0.2 s expired"
     assert list(store.rows())[1]["wall_time"] > 0.2
     assert time.monotonic() - began < 30
 
@@ -203,7 +203,7 @@ def test_ctrl_c_keeps_what_is_finished(store):
     timer.start()
     began = time.monotonic()
     tally = execute(tasks(points(*["slow"] * 1000)), small_work.work, store, workers=2)
-    assert tally.stopped == "it was interrupted"
+    assert tally.stopped == "interrupted"
     assert time.monotonic() - began < 10
     assert len(store) == tally.outcomes["settled"] > 0
 
@@ -247,7 +247,9 @@ def test_limits_that_are_none(store, words):
 def test_an_executor_that_breaks(store):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         asked = points("good", "good", "kill", "good")
-        with pytest.raises(StudyError, match=r"takes no more tasks \(BrokenProcessPool.* run the"):
+        with pytest.raises(
+            StudyError, match=r"accepts no more tasks \(BrokenProcessPool.* run the"
+        ):
             execute(tasks(asked), small_work.work, store, executor=executor)
     assert {*outcomes(store)} == {"settled"}
 
@@ -295,7 +297,7 @@ def test_worker_given_a_function_of_a_notebook_tells_where_to_define_it(monkeypa
     sent = pickled(notebook.work)
     assert own_script() == Script("", None)
     del notebook.work
-    with pytest.raises(StudyError, match="write its functions into a module"):
+    with pytest.raises(StudyError, match="define its functions in a module"):
         loaded(sent, own_script())
 
 

@@ -52,13 +52,15 @@ def test_a_process_that_is_killed_before_it_has_begun(store, kills):
         execute(tasks(points("good")), small_work.work, store, workers=1)
         assert len(store) == 1
     else:
-        with pytest.raises(StudyError, match=r"no process can do the work: one was ended by sig"):
+        with pytest.raises(
+            StudyError, match=r"no process can run the tasks: a process was ended by sig"
+        ):
             execute(tasks(points("good")), small_work.work, store, workers=1)
     thread.join()
 
 
 def test_work_that_no_process_can_load(store):
-    with pytest.raises(StudyError, match="no process can do the work: UnpicklingError"):
+    with pytest.raises(StudyError, match="no process can run the tasks: UnpicklingError"):
         execute(tasks(points("good")), Unknown(), store, workers=1)
 
 

@@ -33,7 +33,7 @@ def test_control_error_says_that_there_is_no_constant_optimum():
     assert row["outcome"] == "completed"
     assert np.isnan(row["control_error"])
     assert "control_error: inputs load change over time" in row["message"]
-    assert "no constant optimum; take tracking_error" in row["message"]
+    assert "not constant; use tracking_error" in row["message"]
     assert 0.01 < row["tracking_error"] < 0.2
 
 

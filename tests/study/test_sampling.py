@@ -71,7 +71,7 @@ def test_a_seed_can_be_said():
 @pytest.mark.parametrize(
     ("vary", "said"),
     [
-        ({"problem.N": []}, "problem.N: there are no values"),
+        ({"problem.N": []}, "problem.N: expected"),
         ({"input.q_d.x": (3, 3)}, "empty"),
         ({"input.q_d.x": (3, float("nan"))}, "empty or not finite"),
         ({"input.q_d.x": Span(0, 1, is_log=True)}, "above zero"),
@@ -85,7 +85,7 @@ def test_empty_designs_are_refused(vary, said):
 
 
 def test_what_is_fixed_is_not_varied():
-    with pytest.raises(StudyError, match=r"gains\.rho is varied too"):
+    with pytest.raises(StudyError, match=r"gains\.rho is varied as well"):
         study(vary={"gains.rho": [1.0]}, fixed={"gains.rho": 2.0})
 
 

@@ -59,17 +59,17 @@ def test_unknown_names_are_told_the_nearest(name, said):
     ("name", "value", "said"),
     [
         *((name, "nonsense", f"{name} is one of") for name in WORDS),
-        ("input.q_d.x", "far", "takes a number"),
+        ("input.q_d.x", "far", "expected a number"),
         ("gains.rho", float("nan"), "is nan"),
-        ("gains.rho", [1.0], "takes a number or a word"),
-        ("seed", -1, "a whole number from zero on"),
-        ("seed", 1.5, "a whole number from zero on"),
-        ("problem.N", 0, r"problem\.N is a whole number from one on, got 0"),
-        ("problem.N", 2.5, r"problem\.N is a whole number from one on"),
+        ("gains.rho", [1.0], "expected a number or a word"),
+        ("seed", -1, "a whole number of at least zero"),
+        ("seed", 1.5, "a whole number of at least zero"),
+        ("problem.N", 0, r"problem\.N is a whole number of at least one, got 0"),
+        ("problem.N", 2.5, r"problem\.N is a whole number of at least one"),
         *((f"problem.{n}", math.inf, f"{n} is a finite number") for n in ("dt", "q_0.x", "D")),
         *(("problem.dt", dt, r"problem\.dt ") for dt in (-1.0, 0.0, "short")),
         *((f"tolerance.{kind.value}", math.inf, "is a finite number") for kind in Kind),
-        ("tolerance.resistor", -0.1, r"tolerance\.resistor is a size"),
+        ("tolerance.resistor", -0.1, r"tolerance\.resistor is a number of at least 0"),
         ("circuit.gbw", -1e6, r"circuit\.gbw: gbw: expected a positive number"),
         ("circuit.bandwidth_margin", 0.0, r"circuit\.bandwidth_margin is a positive number"),
         ("design.penalty", 0.0, r"design\.penalty: "),
@@ -110,19 +110,22 @@ def test_metrics_and_specs_are_known():
         Study(subject="car", metrics=["setling_time"])
     with pytest.raises(StudyError, match="'power' is not measured"):
         Study(subject="car", metrics=["settling_time"], spec={"power": 1.0})
-    with pytest.raises(StudyError, match="named twice"):
+    with pytest.raises(StudyError, match="duplicate name"):
         Study(subject="car", metrics=["power", "power"])
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"tolerance.resistor": 0.1, "run.backend": "ode"}, "is of parts, and no circuit runs"),
+        (
+            {"tolerance.resistor": 0.1, "run.backend": "ode"},
+            "applies to parts, but no circuit is run",
+        ),
         ({"nonideal.mismatch": 0.1, "circuit.level": "macro"}, "changes the ideal network"),
         ({"start.kind": "zero", "tolerance.resistor": 0.1}, "changes the ideal network"),
         ({"run.tolerance": 1e-3, "run.backend": "spice"}, "changes the ideal network"),
         ({"run.order": "two-phase"}, "'recurrent' only"),
-        ({"nonideal.mismatch": -0.1}, "from zero on"),
+        ({"nonideal.mismatch": -0.1}, "of at least 0"),
         ({"circuit.series": "E7"}, r"circuit\.series is one of exact"),
     ],
 )

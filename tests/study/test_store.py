@@ -156,14 +156,14 @@ def test_curves_are_kept_beside_their_row(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"point": 0}, "a point has one row; discard the old one first"),
+        ({"point": 0}, "a case has one record; discard the old one first"),
         ({"point": 2, "no such": 1.0}, r"row of point 2: unknown columns 'no such'; there are: po"),
         ({"point": 2, "peak": [1.0]}, r"peak: expected a number of at most 64 bits.*got \[1.0\]"),
         ({"point": 2, "peak": 2**63}, "peak: expected a number of at most 64 bits"),
         ({"point": 2, "peak": b"raw"}, "peak: expected a number"),
-        ({"point": -1}, "point: expected a whole number from zero on, got -1"),
-        ({"point": 1.0}, r"point: expected a whole number from zero on, got 1\.0"),
-        ({"seed": 1}, "point: expected a whole number from zero on, got None"),
+        ({"point": -1}, "point: expected a whole number of at least 0, got -1"),
+        ({"point": 1.0}, r"point: expected a whole number of at least 0, got 1\.0"),
+        ({"seed": 1}, "point: expected a whole number of at least 0, got None"),
     ],
 )
 def test_a_row_that_cannot_be_kept(tmp_path, wrong, message):
@@ -197,7 +197,7 @@ def test_an_identity_may_hold_tuples_and_infinity(tmp_path):
 
 def test_two_drivers(tmp_path):
     with begun(tmp_path) as store:
-        with pytest.raises(StoreError, match=rf"process {os.getpid()} on \S+ is at work on this"):
+        with pytest.raises(StoreError, match=rf"process {os.getpid()} on \S+ is writing to this"):
             begun(tmp_path)
         store.append([row(0)])
         with Store.open(tmp_path) as reader:  # meanwhile

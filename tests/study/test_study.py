@@ -138,7 +138,7 @@ def test_numbers_that_are_none(given):
 
 
 def test_points_that_are_not_there():
-    with pytest.raises(StudyError, match="there are 12 points"):
+    with pytest.raises(StudyError, match="there are 12 cases"):
         chips().row(12)
 
 
@@ -164,7 +164,7 @@ KINDS = {"design.kind": ["multilevel", "diagonal"]}
     ],
 )
 def test_samples_that_would_all_be_the_same_are_refused(given):
-    with pytest.raises(StudyError, match=r"samples: .* 5 equal rows; leave samples out, or .*tol"):
+    with pytest.raises(StudyError, match=r"samples: .* 5 equal records; omit samples, or .*tol"):
         Study(subject="double_integrator", samples=5, **given)
 
 

@@ -93,7 +93,7 @@ def test_what_only_python_can_repeat():
     own = Metric(name="mine", unit="", definition="One.", value=lambda sample: 1.0)
     study = Study(subject="double_integrator", metrics=[own])
     assert study.row(0)["mine"] == 1.0
-    with pytest.raises(StudyError, match="there is no 'mine'"):
+    with pytest.raises(StudyError, match="unknown metric 'mine'"):
         study_from(study.identity())
     with pytest.raises(StudyError, match="another version"):
         study_from({**study.identity(), "version": 99})
@@ -104,7 +104,7 @@ def test_what_only_python_can_repeat():
     [
         ("samples = 3", "subject: is missing"),
         ('subject = "kar"', "kar"),
-        ('subject = "car"\nsampels = 3', "sampels: is no field of a study"),
+        ('subject = "car"\nsampels = 3', "sampels: is not a field of a study"),
         ('subject = "car"\nsamples = "3"', "samples: expected a whole number"),
         ('subject = "car"\nsamples = 0', "samples"),
         ('subject = "car"\nseed = true', "seed: expected a whole number"),
@@ -117,7 +117,7 @@ def test_what_only_python_can_repeat():
         ('subject = "car"\nvary = 3', "vary: expected a table"),
         ('subject = "car"\nmetrics = "power"', "metrics: expected a list"),
         ('subject = "car"\nvary.input.q_d.z = [1]', "did you mean"),
-        ('subject = "car"\nvary.problem.N = []', "no values"),
+        ('subject = "car"\nvary.problem.N = []', "expected one value or more"),
         ('subject = "none.toml"', "none.toml"),
     ],
 )

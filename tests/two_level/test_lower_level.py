@@ -59,7 +59,7 @@ def test_neurons_that_are_left_out_stay_out():
 
 @pytest.mark.parametrize("lower", [Closed(), Iterated()], ids=["closed", "iterated"])
 def test_a_given_start_leaves_stage_0_too_many_equations(lower):
-    says = r"q\.x, q\.y, q\.phi, q\.varphi of cell 0 is pinned.*Form\(start_is_neuron=True\)"
+    says = r"q\.x, q\.y, q\.phi, q\.varphi of cell 0 is fixed.*Form\(start_is_neuron=True\)"
     with pytest.raises(NetworkError, match=says):
         TwoLevels(
             designed("car").network, upper=Gradient(lambda_t=0.1, lambda_beta=0.1), lower=lower

@@ -115,7 +115,9 @@ def test_the_oracle_gain_is_continuous():
 
 def test_the_oracle_gain_needs_a_design():
     gains = designed("car").gains
-    with pytest.raises(FormError, match=r"S16: .* needs the solution, which only a design knows"):
+    with pytest.raises(
+        FormError, match=r"S16: .* needs the solution, which only a design provides"
+    ):
         solve(plants.car(), form=SWITCHES["S16"], gains=gains)
 
 

@@ -34,7 +34,7 @@ def with_neurons(network: Network, *neurons: Neuron) -> Network:
 def test_a_network_with_neurons_of_neither_level_is_refused():
     network = synthesize(plants.double_integrator(N=3))
     other = with_neurons(network, *network.cell.neurons, Neuron(name="z.disc"))
-    with pytest.raises(NetworkError, match=r"has z\.disc for inequalities or rails"):
+    with pytest.raises(NetworkError, match=r"has z\.disc for inequalities or limits"):
         TwoLevels(other, upper=NewtonCoordinator())
 
 
@@ -44,7 +44,7 @@ def test_a_network_with_rails_is_refused():
         replace(neuron, limiter=Limiter(high=1.0)) if neuron.name == "u.a" else neuron
         for neuron in network.cell.neurons
     )
-    with pytest.raises(NetworkError, match=r"has u\.a for inequalities or rails"):
+    with pytest.raises(NetworkError, match=r"has u\.a for inequalities or limits"):
         TwoLevels(with_neurons(network, *neurons), upper=NewtonCoordinator())
 
 

@@ -21,7 +21,7 @@ from ann_dc.weights.network_file import load, save
 
 @pytest.mark.parametrize("place", ["missing.npz", "", "\0", "/dev/zero", "."])
 def test_no_file(place):
-    with pytest.raises(FileFormatError, match=r"give the path of a saved network \(.npz or"):
+    with pytest.raises(FileFormatError, match=r"use the path of a saved network \(\.npz or"):
         load(place)
 
 

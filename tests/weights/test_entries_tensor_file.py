@@ -120,18 +120,18 @@ def dropped(header: dict, body: bytes) -> bytes:
 
 STILL = "tau/q.x"
 HOSTILE = {
-    "empty": (lambda header, body: b"", "length of its header cannot be"),
-    "a short prefix": (lambda header, body: b"\1\0\0", "length of its header cannot be"),
+    "empty": (lambda header, body: b"", "length of its header is invalid"),
+    "a short prefix": (lambda header, body: b"\1\0\0", "length of its header is invalid"),
     "an endless header": (lambda h, b: b"\xff" * 8 + joined(h, b)[8:], "length of its header"),
     "no JSON": (lambda header, body: joined(b"{'a': 1}", body), "header.*not JSON"),
     "no UTF-8": (lambda header, body: joined(b'{"\xff": 1}', body), "header.*can't decode"),
-    "a list": (lambda header, body: joined(b"[1, 2]", body), "is no table"),
+    "a list": (lambda header, body: joined(b"[1, 2]", body), "is not a table"),
     "deeply nested": (lambda h, body: joined(b"[" * 100_000, body), "header.*not JSON"),
     "many tables": (lambda h, body: joined(b"[" * 300_000, body), "more than 200000 tables"),
     "a key twice": (with_text(lambda t: t.replace("{", '{"a": 1, "a": 2,', 1)), "'a' occurs twi"),
     "no metadata": (lambda h, b: joined({k: h[k] for k in list(h)[1:]}, b), "has no manifest"),
     "metadata of numbers": (setting("__metadata__", "manifest", 3), "has no manifest"),
-    "more metadata": (setting("__metadata__", "format", "pt"), "says more than a manifest"),
+    "more metadata": (setting("__metadata__", "format", "pt"), "contains more than a manifest"),
     "an array of another type": (setting(STILL, "dtype", "F32"), "'F32' values where 'F64' is"),
     "objects": (setting(STILL, "dtype", ["O"]), r"holds .* values where 'F64' is"),
     "a shape that is none": (setting(STILL, "shape", [True]), "are lists of lengths"),
@@ -159,7 +159,7 @@ HOSTILE = {
         lambda h, b: joined(
             h | {"a\n": {"dtype": "F64", "shape": [0], "data_offsets": [0, 0]}}, b
         ),
-        "printable names only",
+        "printable name",
     ),
     "one bit of a number": (one_bit(800), "manifest.hashes.content: the file was changed"),
     "another title": (in_manifest('"title": "car"', '"title": "cab"'), "hashes.manifest: the file"),

@@ -60,15 +60,15 @@ HOSTILE = {
         put("manifest", entry(np.zeros(MAX_MANIFEST + 1, np.uint8))),
         "'manifest' is larger than 2000000 bytes",
     ),
-    "manifest is no JSON": (with_manifest(lambda _: b"{"), "manifest: not JSON"),
+    "manifest is not a JSON": (with_manifest(lambda _: b"{"), "manifest: not JSON"),
     "manifest nests deeply": (with_manifest(lambda _: b"[" * 100_000), "manifest: not JSON"),
-    "manifest with NaN": (with_manifest(lambda _: b'{"a": NaN}'), "NaN is no JSON number"),
+    "manifest with NaN": (with_manifest(lambda _: b'{"a": NaN}'), "NaN is not a JSON number"),
     "manifest with a huge number": (
         with_manifest(lambda _: b'{"stages": ' + b"9" * 5000 + b"}"),
         "manifest: not JSON",
     ),
-    "manifest is a list": (with_manifest(lambda _: b"[]"), "does not say 'ann_dc network'"),
-    "another format": (setting("format", "trackmania"), "does not say 'ann_dc network'"),
+    "manifest is a list": (with_manifest(lambda _: b"[]"), "does not contain 'ann_dc network'"),
+    "another format": (setting("format", "trackmania"), "does not contain 'ann_dc network'"),
     "another schema": (setting("schema", 4), "schema: expected 3, got 4; load the file with the"),
     "a true schema": (setting("schema", True), "schema: expected 3, got True"),
     "a broken schema": (setting("schema", 3.0), r"schema: expected 3, got 3\.0"),
@@ -188,7 +188,7 @@ def test_fifty_thousand_absent_neurons_take_no_seconds(path):
 def test_a_manifest_that_would_not_be_read_again(path):
     cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")))
     absent = tuple(Omitted(neuron="y", stage=stage) for stage in range(90_000))
-    with pytest.raises(OutputError, match=r"take \d+ bytes, a file may have 2000000; give it sh"):
+    with pytest.raises(OutputError, match=r"take \d+ bytes, a file may have 2000000; use shorter"):
         save(Network(cell=cell, stages=100_000, omitted=absent), path)
     assert not path.exists()
 

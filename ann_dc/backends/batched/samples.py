@@ -77,13 +77,13 @@ def _count(starts: np.ndarray, inputs: Mapping[str, np.ndarray], numbers: Number
     given = max((len(values) for values in inputs.values()), default=1)
     if len({len(starts), given} - {1}) > 1:
         raise NetworkError(
-            f"x: sizes of the batch do not agree: {len(starts)} states, inputs of {given} samples"
+            f"x: sizes of the batch differ: {len(starts)} states, inputs of {given} samples"
         )
     count = max(len(starts), given)
     if numbers is not None and len({count, len(numbers)} - {1}) > 1:
         raise NetworkError(
-            f"numbers: sizes of the batch do not agree: numbers of {len(numbers)} networks, states "
-            f"or inputs of {count} samples"
+            f"numbers: sizes of the batch differ: numbers of {len(numbers)} networks, states or "
+            f"inputs of {count} samples"
         )
     return count if numbers is None else max(count, len(numbers))
 

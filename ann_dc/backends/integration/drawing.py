@@ -117,7 +117,7 @@ def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) ->
     try:
         message = solver.step()
     except (RuntimeError, ValueError) as error:  # of a Jacobian that is not finite, by its LU
-        solver.status, message = "failed", f"the matrix of an implicit step: {error}"
+        solver.status, message = "failed", f"matrix of an implicit step: {error}"
     within = within_limits(compiled, solver.y)
     if "f" in vars(solver) and not np.array_equal(within, solver.y):
         solver.y, solver.f = within, solver.fun(solver.t, within)

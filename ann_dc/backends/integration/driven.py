@@ -84,7 +84,7 @@ class DrivenStepper(Stepper):
         """Take one step; return no row if it fails."""
         message = take_step(self._solver, self._method, self._compiled, np.inf)
         if self._solver.status == "failed":
-            self.failed, self.beyond = message or "the method failed", self._lost
+            self.failed, self.beyond = message or "the integration method failed", self._lost
             return np.empty(0), np.empty((0, 2)), np.empty((0, self.state.size))
         is_over, inside = self._solver.status == "finished", self._solver.dense_output()
         self._pieces.append(_Piece(self._began, self._began + inside.t, inside))

@@ -147,7 +147,7 @@ class CompiledStepper(Stepper):
         count, ended = integrator.advance(self.system, self.rows, self.course, self.ends, log)
         self.at_end = ended == integrator.TIME_UP
         if ended == integrator.TOO_SHORT:
-            self.failed = "the step became shorter than floating point can add to the time"
+            self.failed = "the step became shorter than the floating-point resolution of the time"
         if ended == integrator.LEFT_DOMAIN:
             self.beyond = self.course.ahead[first : first + size][self._chosen]
         self.time, self.evaluations = float(self.course.clock[0]), int(self.course.clock[3])
@@ -223,7 +223,7 @@ class SciPyStepper(Stepper):
         """Take one step; return no row if it fails."""
         began, message = self.time, take_step(self.solver, self.method, self.compiled, self._worst)
         if self.solver.status == "failed":
-            self.failed = message or "the method failed"
+            self.failed = message or "the integration method failed"
             return np.empty(0), np.empty((0, 2)), np.empty((0, self.state.size))
         self._keep_piece()
         self.time, self.state = float(self.solver.t), within_limits(self.compiled, self.solver.y)

@@ -282,8 +282,8 @@ class Cells(enum.Enum):
     agree to rounding.
     """
 
-    WHERE_POSSIBLE = "generated where the wiring is one for which it is, else interpreted"
-    INTERPRETED = "interpreted: nothing is compiled for a network"
+    WHERE_POSSIBLE = "generated if the wiring supports it, else interpreted"
+    INTERPRETED = "interpreted: no code is compiled for a network"
     GENERATED = "generated: straight-line code for the wiring"
 
     def integrand(self, evaluator: FastEvaluator, guard: DomainGuard) -> Integrand:

@@ -6,7 +6,7 @@ try:
     import torch as torch
 except ImportError as error:
     raise ImportError(
-        "the recurrent layers run on torch, which is not installed: pip install 'ann-dc[torch]'"
+        "recurrent layers need torch, which is not installed: pip install 'ann-dc[torch]'"
     ) from error
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

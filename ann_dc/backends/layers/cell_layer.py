@@ -133,10 +133,10 @@ class CellLayer(nn.Module):
             and state.shape == own.shape
             and torch.equal(state[0].cpu(), own[0])
         )
-        what = "units, rails or stiffness" if is_wired_alike else "wiring"
+        what = "units, limits or stiffness" if is_wired_alike else "wiring"
         raise NetworkError(
-            f"state_dict: its numbers belong to a network of other {what} than "
-            f"{self.network.title!r}; load them into a layer of the network that they are from"
+            f"state_dict: the numbers belong to a network with other {what} than "
+            f"{self.network.title!r}; load them into a layer of that network"
         )
 
     def compile_blocks(self) -> None:
@@ -232,7 +232,7 @@ class CellLayer(nn.Module):
             )
         if samples > 1 and len(x) not in (1, samples):
             raise NetworkError(
-                f"x: sizes of the batch do not agree: {len(x)} states, inputs of {samples} samples"
+                f"x: sizes of the batch differ: {len(x)} states, inputs of {samples} samples"
             )
         return x.expand(max(len(x), samples), -1)
 
@@ -299,9 +299,9 @@ def check_device(device: str | torch.device) -> None:
     try:
         kind = torch.device(device).type
     except RuntimeError as error:
-        raise NetworkError(f"device: {device!r} is no device that torch knows") from error
+        raise NetworkError(f"device: {device!r} is unknown to torch") from error
     if kind == "cuda" and not torch.cuda.is_available():
         raise NetworkError(
-            f"device: {device!r} was asked for, but this torch sees no CUDA device; use "
+            f"device: {device!r} is not available, because torch finds no CUDA device; use "
             "device='cpu', or install a torch build with CUDA on a machine with an NVIDIA GPU"
         )

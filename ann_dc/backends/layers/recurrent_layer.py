@@ -205,7 +205,7 @@ class RecurrentLayer(nn.Module):
                 paced(
                     lambda: (
                         f"step {loop.done}: {int(ledger.open.sum())} of {len(ledger.codes)} "
-                        "samples run on"
+                        "samples still run"
                     )
                 )
             except Stopped as end:

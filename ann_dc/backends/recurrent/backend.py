@@ -211,8 +211,8 @@ class RecurrentBackend:
             )  # fmt: skip
         if numbers is not None:
             raise NetworkError(
-                "numbers: only generated code takes those of every sample; leave out acceleration "
-                "and device, and use smaller cells"
+                "numbers: only generated code supports numbers per sample; omit acceleration "
+                "and device, or use smaller cells"
             )
         from ann_dc.backends.layers import batch_run  # needs torch
 
@@ -305,8 +305,8 @@ def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts
     if outcome is Outcome.STALLED:
         swings = status.swinging(network, states[-len(states) // LATE :])
         advice = status.DAMPING if swings else status.elsewhere(network)
-        advice = advice if adapts else f"take {SHORTER}; else {advice}"
-        why = swings or f"{steps} steps made it no smaller in the end"
+        advice = advice if adapts else f"use {SHORTER}; else {advice}"
+        why = swings or f"the last of {steps} steps did not reduce it"
         return status.stalled(residuals, now, why, advice)
     if outcome is Outcome.STOPPED:
         return status.stopped(residuals, now, why)

@@ -247,11 +247,12 @@ class SpiceBackend:
         circuit = emulation.circuit
         ideal = spectrum(circuit.schematic.network, probe.final).abscissa
         if ideal >= 0:
-            why = f"so is the ideal network ({ideal:+.3g}); no hardware cures that"
+            why = f"the ideal network is unstable as well ({ideal:+.3g}); other parts do not help"
         else:
             why = (
-                f"parts of {self.level.datasheet.usable_bandwidth:.3g} Hz are too slow at margin "
-                f"{circuit.scaling.bandwidth_margin:g}; {cure(circuit, self.level, probe.final)}"
+                f"parts of {self.level.datasheet.usable_bandwidth:.3g} Hz are too slow at "
+                f"bandwidth margin {circuit.scaling.bandwidth_margin:g}; "
+                f"{cure(circuit, self.level, probe.final)}"
             )
         raise NetworkError(
             f"circuit: the pole model is unstable (an eigenvalue of {found.abscissa:+.3g} per unit "

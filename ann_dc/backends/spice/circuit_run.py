@@ -73,8 +73,8 @@ class Overload:
         when = f"{self.volts:.4g} V at {self.time:.3g} s"
         reached = f"{self.node} of cell {self.stage} reached {when}"
         if self.clips:
-            return f"{reached}; it is good for {self.limit:.4g} V"
-        return f"{reached}, above {self.limit:.4g} V; without rails it does not clip"
+            return f"{reached}, beyond its limit of {self.limit:.4g} V"
+        return f"{reached}, above {self.limit:.4g} V; the model does not clip"
 
 
 @such_as("ann_dc.SpiceBackend().run(network)")
@@ -134,14 +134,14 @@ class CircuitRun(Tabulated):
         if not settles(self.probe):
             seconds = 1e6 * float(self.trajectory.time[-1]) * self.deck.timing.unit
             off = math.sqrt(self.mean_square_error)
-            return f"ran for {seconds:.4g} us, {off:.2e} (rms) off the ODE's waveforms; {overloads}"
+            return f"ran for {seconds:.4g} us, rms error {off:.2e} against the ODE; {overloads}"
         known = vars(self).get("timed", self)  # text does not start ngspice
         time = 1e6 * control_settling(known.trajectory, 1e-3) * self.deck.timing.unit
         about = "" if known.finer is None else " by coarse steps"
         when = f"controls within 0.1 % after {time:.4g} us{about}"
         return (
-            f"{self.unsettled or when}, {self.control_error:.2e} of "
-            f"{self.probe.size_in_words} off the ODE's; {overloads}"
+            f"{self.unsettled or when}, {self.control_error:.2e} of {self.probe.size_in_words} "
+            f"against the ODE; {overloads}"
         )
 
     @property
@@ -193,8 +193,8 @@ class CircuitRun(Tabulated):
         """Clause on why the run does not show the settled state; empty if it does."""
         if not self.settled():
             why = f": {self.deck.cut}" if self.deck.cut else ""
-            return f"its controls still move at the end of the run{why}"
-        return f"its run is too short to tell: {self.deck.cut}" if self.deck.cut else ""
+            return f"the controls still change at the end of the run{why}"
+        return f"the run is too short to decide: {self.deck.cut}" if self.deck.cut else ""
 
     def settled(self, share: float = 1e-3) -> bool:
         """Return True if the controls stayed settled for the last third of the run.
@@ -325,10 +325,10 @@ def check_full_scale(level: Level) -> None:
     """Raise `NetworkError` if parts of a level clip at its full scale."""
     if level.full_scale > KNEE * level.limit:
         share = level.conditions.supply
-        supplied = f" with supplies of {share:g} times the nominal ones" if share != 1 else ""
+        supplied = f" with supplies of {share:g} times the nominal voltage" if share != 1 else ""
         raise NetworkError(
-            f"full_scale: parts of level {level.name} clip at {level.limit:.4g} V{supplied}, got "
-            f"{level.full_scale:g} V; take at most {KNEE * level.limit:.3g} V"
+            f"full_scale: parts of level {level.name} clip at {level.limit:.4g} V{supplied}, "
+            f"got {level.full_scale:g} V; use at most {KNEE * level.limit:.3g} V"
         )
 
 
@@ -372,8 +372,9 @@ def refined(
             raw = simulator.run(deck.text, end_time=deck.end)
         except SpiceError as error:
             warnings.warn(
-                f"ngspice failed in steps finer by {finer**count}: {error}; the settling time is "
-                "that of coarser steps and may be some percent off; allow ngspice more time",
+                f"ngspice failed with steps refined by {finer**count}: {error}; the settling "
+                "time is that of coarser steps and may be inaccurate by some percent; raise "
+                "the timeout of ngspice",
                 stacklevel=2,
             )
             return replace(run, settling_error=float("nan"))

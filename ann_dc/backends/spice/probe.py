@@ -157,8 +157,8 @@ def _run(network: Network, backend: OdeBackend) -> Trajectory:
             "(ann-dc circuit --preconditioner multilevel)"
         )
         raise NetworkError(
-            "circuit: the network has to settle to be scaled; if it does not, give the duration of "
-            f"its run (duration=T or --duration T); {run.status}" + means * alone
+            "circuit: the network has to settle for scaling; otherwise set the duration of its "
+            f"run (duration=T or --duration T); {run.status}" + means * alone
         )
     return run.trajectory
 
@@ -194,7 +194,7 @@ class Span:
         if self.wanted <= self.duration:
             return ""
         return (
-            f"its slowest pole asks for a run {self.wanted / self.duration:.2g} times as long, "
+            f"the slowest pole requires a run {self.wanted / self.duration:.2g} times as long, "
             f"beyond {LONGEST:g} times the ideal network"
         )
 

@@ -147,8 +147,8 @@ def backend_of(word: str, options: RunOptions, *, progress: Progress = silent):
             option = f"--no-{name}" if value is False else f"--{name.replace('_', '-')}"
             home = next(other for other, names in BACKENDS.items() if name in names)
             raise ProblemError(
-                f"{option}: belongs to --backend {home}, and --backend {backend} runs; leave it "
-                f"out, or say --backend {home}"
+                f"{option}: belongs to --backend {home}, got --backend {backend}; omit it, or "
+                f"add --backend {home}"
             )
     build = {"ode": _ode, "recurrent": _recurrent}[backend]
     return build(progress=progress, **given)

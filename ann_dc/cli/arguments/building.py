@@ -42,11 +42,10 @@ def network_to_build(
     if designed.settled:
         return designed.network
     if isinstance(designed.first.ended, Hopeless):
-        raise ProblemError(f"{problem.name}: nothing to build: {designed.first.ended}")
+        raise ProblemError(f"{problem.name}: no circuit: {designed.first.ended}")
     raise ProblemError(
-        f"{problem.name}: the design did not settle in {designed.first.steps} steps, so there "
-        "is nothing to build; check that the target is within reach, or try another "
-        "--preconditioner"
+        f"{problem.name}: the design did not settle in {designed.first.steps} steps; check that "
+        "the target is within reach, or try another --preconditioner"
     )
 
 
@@ -79,7 +78,7 @@ def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:
     found = fitted(backend, network)
     if not math.isfinite(found.bandwidth_margin or 0.0):
         raise ProblemError(
-            f"--preconditioner: no margin makes the {kind.value} stable with op amps of level "
-            f"{backend.level.name}; choose another, or --preconditioner diagonal"
+            f"--preconditioner: no bandwidth margin makes the {kind.value} stable with op amps "
+            f"of level {backend.level.name}; choose another, or --preconditioner diagonal"
         )
     return found

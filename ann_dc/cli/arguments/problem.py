@@ -57,7 +57,9 @@ def pairs_of(given: Iterable[str], option: str, example: str) -> dict[str, str]:
                 f"{option}: expected NAME=VALUE, for instance {example}, got {item!r}"
             )
         if name in pairs:
-            raise ProblemError(f"{name}: given twice ({pairs[name]} and {text}); give it once")
+            raise ProblemError(
+                f"{name}: specified twice ({pairs[name]} and {text}); specify it once"
+            )
         pairs[name] = text
     return pairs
 
@@ -99,11 +101,11 @@ def number_of(name: str, text: str) -> float:
         number = math.nan
     if not math.isfinite(number):
         allowed = "a finite number, or free" if name in ENDS else "a finite number"
-        raise ProblemError(f"{name}: expected {allowed}, got {text!r}; decimals take a point")
+        raise ProblemError(f"{name}: expected {allowed}, got {text!r}; use a decimal point")
     if abs(number) > LARGEST:
         raise ProblemError(
             f"{name}: {text} is too large for the arithmetic; choose units in which states and "
-            "controls are near 1"
+            "controls are of order 1"
         )
     return number
 
@@ -187,8 +189,8 @@ def plant_of(word: str):
     near = difflib.get_close_matches(word.lower(), plants.names(), n=2, cutoff=0.5)
     hint = f"; did you mean {' or '.join(near)}?" if near else "."
     raise UnknownNameError(
-        f"there is no plant {word!r}{hint} The plants are {', '.join(plants.names())}. "
-        "A problem of your own goes into a .toml file"
+        f"unknown plant {word!r}{hint} The plants are {', '.join(plants.names())}. Other "
+        "problems are declared in a .toml file"
     )
 
 
@@ -224,7 +226,7 @@ def _from_file(path: str, settings: Mapping[str, str]):
     for name, text in settings.items():
         if name not in like:
             raise UnknownNameError(
-                f"--set: {name!r} cannot be set from here for a file; choose one of: "
+                f"--set: {name!r} of a file cannot be set on the command line; choose one of: "
                 f"q_0, q_d, horizon, dt, or edit {path}"
             )
         values[name] = value_of(name, text, like[name])
@@ -253,5 +255,5 @@ def arithmetic_of(name: str) -> Iterator[None]:
             raise
         raise ProblemError(
             f"{name}: the arithmetic failed ({error}); choose units in which states and "
-            "controls are near 1, or a shorter horizon"
+            "controls are of order 1, or a shorter horizon"
         ) from error

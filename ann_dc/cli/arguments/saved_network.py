@@ -72,8 +72,8 @@ def unchanged_network(problem: ProblemOptions, preconditioner: str | None):
     """
     if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, preconditioner)):
         raise ProblemError(
-            f"{problem.problem}: a network stays as it was designed; leave out --set, "
-            "--horizon, --q-0, --q-d and --preconditioner"
+            f"{problem.problem}: a stored network cannot be changed; omit --set, --horizon, "
+            "--q-0, --q-d and --preconditioner"
         )
     return saved_network(problem.problem)
 
@@ -98,7 +98,7 @@ def saved_network(word: str):
         return exported_network(place)
     if next(place.glob(f"*/{INDEX}"), None):
         raise ProblemError(
-            f"{place} has exports in it, and a network is read from one to weights: give "
+            f"{place} contains exports; a network is read from the export to weights: give "
             f"{place / 'weights'}, a weight file, or the problem"
         )
     if place.is_dir():

@@ -38,7 +38,7 @@ PreconditionersOption = Annotated[
         metavar="NAME,...",
         help=f"Preconditioners to compare: {', '.join(KINDS)}.",
         autocompletion=completing(lambda: KINDS, several=True),
-        show_default="all that can be built",
+        show_default="all kinds that can be built",
     ),
 ]
 PreconditionerOption = Annotated[
@@ -176,13 +176,13 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
     found = named("--level", word, known)
     if options.area is not None:
         if found.level is not TRANSISTOR:
-            raise ProblemError("--area: only those of --level transistor are drawn larger")
+            raise ProblemError("--area: applies to --level transistor only")
         found = LevelWord(transistor(area=options.area), found.help)
     if op_amps and found.is_fixed:
         adjustable = [name for name, each in known.items() if not each.is_fixed]
         raise ProblemError(
-            f"--{', --'.join(op_amps)}: the parts of level {word} are given; choose them with "
-            f"{', '.join(adjustable)}"
+            f"--{', --'.join(op_amps)}: the parts of level {word} are fixed; these options "
+            f"apply to {', '.join(adjustable)}"
         )
     if netlist and isinstance(found.level, Level) and found.level.models == PACKAGE:
         installed()

@@ -103,9 +103,9 @@ class _Commands(TyperGroup):
 
 app = typer.Typer(
     cls=_Commands,
-    help="Optimal control on an analog neural network: declare a problem, let the network settle, "
-    "get a certified optimum.\n\nExit code: 0 the result is certified or complete, 1 the command "
-    "ran with another outcome, 2 bad input or unwritable output, 130 interrupted.",
+    help="Optimal control with analog neural networks: problem declaration, simulation, "
+    "certified optimum.\n\nExit code: 0 the result is certified or complete, 1 the command ran "
+    "with another outcome, 2 bad input or unwritable output, 130 interrupted.",
     epilog="Start with:  ann-dc plants,  ann-dc solve car,  ann-dc show car",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -147,5 +147,5 @@ def _options(
 
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and not isinstance(error, AnnDcError) and error.strerror:
-        return f"{error.filename or 'output'}: {error.strerror}; choose another place"
+        return f"{error.filename or 'output'}: {error.strerror}; choose another path"
     return " ".join(str(error).split())

@@ -104,7 +104,7 @@ class CircuitFiles:
         """
         if not simulated and (self.figures is not None or self.trajectory is not None):
             option = "--trajectory" if self.figures is None else "--figures"
-            raise ProblemError(f"{option}: needs the simulation; leave out --no-simulate")
+            raise ProblemError(f"{option}: needs the simulation; omit --no-simulate")
         make_room(
             self.json_file,
             self.deck,
@@ -245,8 +245,8 @@ def _designed(
     for name, value in named.items():
         if value is not None:
             raise ProblemError(
-                f"{name}: belongs to a network in a file; leave it out, or save the network "
-                f"(ann-dc solve {problem.problem} --save DIR): ann-dc circuit DIR {name} ..."
+                f"{name}: belongs to a network in a file; omit it, or save the network (ann-dc "
+                f"solve {problem.problem} --save DIR): ann-dc circuit DIR {name} ..."
             )
     declared, kind = problem.declared(), preconditioner_of(build.preconditioner)
 

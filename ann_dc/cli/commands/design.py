@@ -99,7 +99,7 @@ def design(
         with phase("imports"):
             from ann_dc import diagnosis, solver
             from ann_dc.analysis.objectives import SETTLING_TIME
-            from ann_dc.report.design import candidate_table, write_design
+            from ann_dc.report.design import design_report, write_design
 
         with arithmetic_of(declared.name):
             network = solver.synthesize(declared, initial_guess=neurons(declared))
@@ -109,14 +109,16 @@ def design(
                 refine=SETTLING_TIME if refine else None,
                 progress=progress,
             )
-            progress("looking for the slowest modes")
+            progress("diagnosis: slowest modes")
             found = diagnosis.diagnose(designed) if diagnose and designed.settled else None
         written = write_design(declared, designed, found, output, json_file, progress)
-    shown = [str(designed), "", candidate_table(designed, allowed)]
+    shown: list[object] = [design_report(declared, designed, allowed)]
     if found is not None:
         shown.append(f"\n{found}")
     elif diagnose:
-        shown.append("\nno diagnosis: the first run did not settle, so no optimum is known")
+        shown.append(
+            "\nno diagnosis: the gain-scheduled run did not settle, so no optimum is known"
+        )
     finish(shown, written, quiet=quiet, code=0 if designed.settled else 1)
 
 
@@ -140,7 +142,7 @@ def _design_family(
         if other or start != StartOptions(seed=start.seed):
             raise DesignError(
                 "--range: cannot be combined with --refine, --diagnose, --initial-guess or "
-                "--starts; leave them out"
+                "--starts; omit them"
             )
         declared, over = problem.declared(), ranges_of(family.ranges or [], "--range")
         make_room(json_file, figures=output)

@@ -46,7 +46,7 @@ def navigate(
         "Control period, equal to a stage of the plan (s).", default=0.1, metavar="SECONDS"
     ),
     safety_filter: bool = option("Replace controls of a plan that would collide.", default=True),
-    animation: bool = option("Write an animation, too (GIF).", "--animation", default=False),
+    animation: bool = option("File of an animation (GIF).", "--animation", default=False),
     output: Path = option("Folder of the figures.", default=Path("out"), metavar="DIR"),
     json_file: JsonOption = None,
     quiet: QuietOption = False,

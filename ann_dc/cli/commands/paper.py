@@ -51,7 +51,7 @@ def paper(
             runs = [*corrected, *example.demonstrations(corrected[0].solution, progress)]
         written = []
         for run, folder in zip(corrected, ("car_D1", "car_D0.5")):
-            progress(f"drawing {folder}")
+            progress(f"figures: {folder}")
             written += plotting.save_all(run.solution, make_folder(output / folder))
         by_label = {run.label: run.solution for run in runs}
         labels = ("corrected D=1", "without dB/dq", "printed D=1")
@@ -84,7 +84,7 @@ def _two_levels(
 
     found = iterations(progress=progress)
     cases = [around(plans, car(), progress) for plans in found.cases]
-    progress("drawing Figures 1 to 6")
+    progress("figures 1 to 6")
     figures = {
         "figure_1": figure_1(),
         "figure_2": figure_2(car()),

@@ -72,10 +72,10 @@ SAMPLES = 100
 TRIMMED = 20
 """Default number of circuits that are drawn and trimmed."""
 
-_ONE = "belongs to one circuit that is built and simulated; leave it out here"
+_ONE = "applies to the construction of one circuit; omit it"
 _REFUSED = {
-    "seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leave it out",
-    "duration": "corners, yields, trims and converters are of a network that settles; leave it out",
+    "seed": "--yield and --trim use the seeds 0, 1, ...; omit it",
+    "duration": "corners, yields, trims and converters need a network that settles; omit it",
 }
 
 
@@ -151,13 +151,12 @@ class BoardOptions:
         samples, or corners of the level named `level`, require ngspice.
         """
         if self.simulate_samples and self.spec is None:
-            raise ProblemError("--simulate-samples: needs drawn circuits; add --yield SPEC")
+            raise ProblemError("--simulate-samples: needs --yield SPEC")
         if self.spec is not None:
             _read(self.spec, "--yield")
         if self.trim is not None and list(_read(self.trim, "--trim").limits) != ["error"]:
             raise ProblemError(
-                f"--trim: makes controls right, not quick; give an error, such as error<1%, got "
-                f"{self.trim!r}"
+                f"--trim: expected an error limit such as error<1%, got {self.trim!r}"
             )
         for name, value in given.items():
             if self.asked and value:

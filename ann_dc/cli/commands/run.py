@@ -53,11 +53,11 @@ class ModelOptions(LevelOptions):
     def check(self) -> None:
         """Raise `ProblemError` for an option that the model does not have."""
         if self.is_circuit and self.method is not None:
-            raise ProblemError("--method: integrates the ODE; leave it out, or --level")
+            raise ProblemError("--method: applies to the ODE; omit it, or omit --level")
         circuit = {**self.op_amps(), "area": self.area, "bandwidth-margin": self.bandwidth_margin}
         for name, value in circuit.items():
             if not self.is_circuit and value is not None:
-                raise ProblemError(f"--{name}: belongs to a circuit; add --level macro")
+                raise ProblemError(f"--{name}: applies to a circuit; add --level macro")
 
 
 @timed
@@ -116,8 +116,9 @@ def _network(word: str):
     """Return the network of NETWORK_FILE."""
     if not is_network(word):
         raise ProblemError(
-            f"NETWORK_FILE: expected a weight file (.npz, .safetensors) or the folder of an export "
-            f"to weights, got {word!r}; a plant or a .toml problem is run by: ann-dc solve {word}"
+            "NETWORK_FILE: expected a weight file (.npz, .safetensors) or the folder of an "
+            f"export to weights, got {word!r}; for a plant or a .toml problem use: ann-dc solve "
+            f"{word}"
         )
     return saved_network(word)
 

@@ -80,11 +80,11 @@ def show(
         stage = decompose(declared, form_of(form))
         parts: list[Any] = []
         if equations or latex or not chosen:
-            progress("writing the equations")
+            progress("equations")
             parts.append(as_latex(stage) if latex else str(stage))
         written: list[Path] = []
         if cell or counts or json_file or not chosen:
-            progress("wiring the network")
+            progress("network")
             network = synthesize(stage)
             parts += cell_listing(network) if cell else []
             parts += [str(network)] if counts or not chosen else []
@@ -104,8 +104,8 @@ def _saved(problem: ProblemOptions):
         return None
     if any((problem.settings, problem.horizon, problem.q_0, problem.q_d)):
         raise ProblemError(
-            f"{problem.problem}: a saved solution stays as it was solved; leave out --set, "
-            "--horizon, --q-0 and --q-d"
+            f"{problem.problem}: a saved solution cannot be changed; omit --set, --horizon, "
+            "--q-0 and --q-d"
         )
     return load_solution(problem.problem)
 

@@ -190,7 +190,7 @@ def _refuse(
     }
     for name, is_given in given.items():
         if is_given:
-            raise ProblemError(f"--starts: cannot be combined with {name}; leave one of them out")
+            raise ProblemError(f"--starts: cannot be combined with {name}; omit one of them")
     named("--backend", backend, {name: name for name in BACKENDS})
 
 

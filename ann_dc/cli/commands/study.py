@@ -58,7 +58,7 @@ class Exports:
         """
         if not is_whole and (self.csv or self.parquet):
             raise StudyError(
-                "--csv, --parquet: write a whole study; leave out --point and --list-settings"
+                "--csv, --parquet: apply to a whole study; omit --point and --list-settings"
             )
 
     def write(self, folder: Path) -> list[Path]:
@@ -133,7 +133,7 @@ def _run(
     Raises `StudyError` if no folder is given, or the file does not contain a study.
     """
     if running.output is None:
-        raise StudyError("--output: expected a folder for the records, got none; give --output DIR")
+        raise StudyError("--output: expected a folder for the records, got none; add --output DIR")
     progress("study")
     from ann_dc.report.study_summary import summary, summary_dict
     from ann_dc.study.study_file import load_study
@@ -150,7 +150,7 @@ def _run(
     shown = [*summary(declared, table), f"HTML page: ann-dc report {running.output}"]
     content = summary_dict(declared, table)
     if table.stopped:
-        shown.append(f"{table.stopped}; the same command goes on from here")
+        shown.append(f"{table.stopped}; repeat the command to continue")
         return shown, content, [], INTERRUPTED
     return (
         shown,
@@ -209,7 +209,7 @@ def _executor(scheduler: str | None) -> Iterator[Any]:
     try:
         client = Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:
-        raise StudyError(f"--scheduler: no scheduler answers at {scheduler}: {error}") from error
+        raise StudyError(f"--scheduler: no response from {scheduler}: {error}") from error
     with client, client.get_executor() as executor:
         yield executor
 

@@ -191,9 +191,9 @@ WRITERS = Path(__file__).parent
 class Axis(enum.Enum):
     """Meaning of a vector lane; the value is the description for users."""
 
-    STAGES = "a lane is a stage: one network"
-    SAMPLES = "a lane is a sample: one network as often as there are lanes, on inputs of its own"
-    VARIANTS = "a lane is a sample: as many networks of one wiring, with numbers of their own"
+    STAGES = "one lane per stage: one network"
+    SAMPLES = "one lane per sample: one network with inputs per lane"
+    VARIANTS = "one lane per sample: networks of equal wiring with numbers per lane"
 
     @property
     def lanes(self) -> int:

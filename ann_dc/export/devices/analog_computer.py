@@ -93,7 +93,7 @@ def analog_computer_files(
     """
     for name, given in (("largest", largest), ("headroom", headroom)):
         if given < 1:
-            raise ExportError(f"{name}: expected a number from 1 on, got {given:g}")
+            raise ExportError(f"{name}: expected a number of at least 1, got {given:g}")
     check_vector(network, vector)
     check_limits(network, "integrators of an analog computer")
     labels = [network.label(i) for i in range(network.size)]
@@ -124,12 +124,14 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
     _check_whose(table, vector)
     machine, beta = _machine_of(table), table.get("time_scale", float)
     if table.get("count", dict) != _count(machine.elements):
-        raise FileFormatError(f"{CIRCUIT}.count: not that of its elements; export it again")
+        raise FileFormatError(
+            f"{CIRCUIT}.count: differs from the number of elements; export the network again"
+        )
     if not 0 < beta < np.inf:
         raise FileFormatError(f"{CIRCUIT}.time_scale: expected a positive number, got {beta!r}")
     places = Places.read(table.get("places", list), vector.start.shape, f"{CIRCUIT}.places")
     if len(places) != len(machine.integrators):
-        raise FileFormatError(f"{CIRCUIT}.places: expected one an integrator")
+        raise FileFormatError(f"{CIRCUIT}.places: expected one per integrator")
     runner = _Runner(machine, places, vector)
 
     def walk(start: np.ndarray, count: int) -> np.ndarray:
@@ -154,8 +156,9 @@ def _peaks(network: Network, elements: Sequence[Element], duration: float | None
     run = OdeBackend(verify=False, duration=duration).run(network)
     if run.status.outcome not in (Outcome.SETTLED, Outcome.COMPLETED):
         raise ExportError(
-            f"{network.title}: {run.status}; ranges are read off a run in continuous time, so "
-            "design the network first, or give the duration of a run (duration=T or --duration T)"
+            f"{network.title}: {run.status}; ranges are taken from a run in continuous time, so "
+            "design the network first, or set the duration of a run (duration=T or --duration "
+            "T)"
         )
     machine, states = Machine(elements), run.trajectory.states
     chosen = np.unique(np.linspace(0, len(states) - 1, SAMPLES).astype(int))
@@ -252,9 +255,9 @@ def _check_whose(table: Table, vector: ReferenceVector) -> None:
     """Check that the table is unmodified and belongs to the network of the vector."""
     plain = {k: v for k, v in table.given.items() if k not in ("format", "schema", "sha256")}
     if _hash(plain) != table.get("sha256", str):
-        raise FileFormatError(f"{CIRCUIT}: it was changed; export the network again")
+        raise FileFormatError(f"{CIRCUIT}: the file was changed; export the network again")
     if (table.get("wiring", str), table.get("content", str)) != (vector.wiring, vector.content):
-        raise FileFormatError(f"{CIRCUIT}: it is another network's than {VECTOR}")
+        raise FileFormatError(f"{CIRCUIT}: belongs to another network than {VECTOR}")
 
 
 class _Runner:
@@ -296,7 +299,7 @@ class _Runner:
                 values = machine.values(machine.within(solver.y))[self.signals]
                 peak = max(peak, float(np.abs(values).max()))
         if solver.status != "finished":
-            raise FileFormatError(f"{CIRCUIT}: integrated, it comes to no end")
+            raise FileFormatError(f"{CIRCUIT}: the integration does not end")
         end = self.vector.end
         gap = np.abs(self._states(machine.within(solver.y)) - end).max()
         return float(gap / max(1.0, np.abs(end).max())), peak

@@ -123,7 +123,7 @@ def conductances_files(
     notes = {
         "format": FORMAT,
         "schema": SCHEMA,
-        "rule": "weight = (g_plus - g_minus) * divisor / scale; 0 S is a place that is left open",
+        "rule": "weight = (g_plus - g_minus) * divisor / scale; 0 S is an open place",
         "wiring": vector.wiring,
         "content": vector.content,
         "folded": int(folded),
@@ -183,7 +183,7 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     with localcontext(EXACT):
         for name, siemens in pairs.items():
             if len(siemens) != len(bar.divisors[name]):
-                raise FileFormatError(f"{TABLE}: {name}: a stage is missing, or there are too many")
+                raise FileFormatError(f"{TABLE}: {name}: expected one entry per stage")
         return {name: bar.weights(name, siemens) for name, siemens in pairs.items()}
 
 
@@ -203,7 +203,7 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
     walk = EulerWalk(changed, vector.step)
     worst = vector.check(lambda x, count: changed.unpack(walk.after(changed.pack(x), count)))
     early = max(vector.early)
-    return f"all weights come back to the last bit; {early} steps within {worst:.0e} of the vector"
+    return f"all weights are equal to the last bit; {early} steps within {worst:.0e} of the vector"
 
 
 # ---- scales --------------------------------------------------------------------------------------
@@ -255,12 +255,12 @@ def _crossbar_of(network: Network, highest: Decimal, decades: float, folded: boo
         scales[node] = highest / largest
         needed = float((largest / least).log10())
         if needed > decades * (1 + 1e-12):
-            hint = "take folded=False, or " if node == INTEGRATORS else ""
+            hint = "use folded=False, or " if node == INTEGRATORS else ""
             raise ExportError(
-                f"{network.title}: the weights at {node}, from {few} to {most}, span {needed:.2f} "
-                f"decades, conductances {decades:g}; {hint}give "
-                f"decades={np.ceil(10 * needed) / 10:g} or more, or scale the problem so that its "
-                "weights lie closer together"
+                f"{network.title}: the weights at {node}, from {few} to {most}, span "
+                f"{needed:.2f} decades, conductances {decades:g}; {hint}give "
+                f"decades={np.ceil(10 * needed) / 10:g} or more, or scale the problem to reduce "
+                "the span of its weights"
             )
     return _Crossbar(scales=scales, divisors=divisors, columns=columns)
 
@@ -286,7 +286,7 @@ def _bar_of(notes: Table) -> _Crossbar:
     columns, scales = notes.get("columns", dict), notes.get("scales_S", dict)
     divisors = notes.get("divisors", dict)
     if columns.keys() != divisors.keys() or not {*map(str, columns.values())} <= scales.keys():
-        raise FileFormatError(f"{NOTES}: columns, scales and divisors are not of one network")
+        raise FileFormatError(f"{NOTES}: columns, scales and divisors belong to different networks")
     if not all(isinstance(given, list) for given in divisors.values()):
         raise FileFormatError(f"{NOTES}.divisors: expected lists")
     return _Crossbar(

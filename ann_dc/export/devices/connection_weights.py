@@ -95,7 +95,7 @@ def check_connections(place: str, table: Mapping[str, np.ndarray], network: Netw
     """Raise `FileFormatError` unless a table has the connections and stages of its network."""
     names = sorted(c.name for c in network.cell.connections)
     if sorted(table) != names or any(len(rows) != network.stages for rows in table.values()):
-        raise FileFormatError(f"{place}: its connections are not those of the network beside it")
+        raise FileFormatError(f"{place}: its connections differ from those of the network file")
 
 
 def stated_errors(notes: Table, key: str, error: float) -> str:

@@ -61,9 +61,9 @@ def panels_of(boxes: Sequence[Box], labels: Mapping[str, str]) -> list[Panel]:
              for box in boxes}  # fmt: skip
     above = _ancestors([box for box in boxes if box.kind == "dual"], reads)
     parts = (
-        ("what the multipliers measure", [box for box in boxes if box in above]),
+        ("constraint residuals of the multipliers", [box for box in boxes if box in above]),
         (
-            "how the other neurons move" if above else "how the neurons move",
+            "net inputs of the other neurons" if above else "net inputs of the neurons",
             [box for box in boxes if box not in above],
         ),
     )

@@ -174,7 +174,10 @@ def _legend(drawn: CellBoxes) -> list[list[Entry]]:
         (cell.duals, ("words", "PI", "multiplier m = μ + ρ c with τ dμ/ds = c, one amplifier")),
         (cell.inequality_duals, ("words", "diode", "multiplier that is never negative")),
         (cell.objectives, ("words", "share", "of an objective in the cost")),
-        (shared, ("words", "shared", "one for the whole row, in its last cell; read over a bus")),
+        (
+            shared,
+            ("words", "shared", "shared by the whole array, in the last cell, read over a bus"),
+        ),
     ]
     entries += [entry for there, entry in signs if there]
     lines: list[list[Entry]] = [[]]

@@ -76,7 +76,7 @@ def chain_page(network: Network) -> Page:
 def _headline(page: Page, network: Network) -> None:
     row = network.layout
     wires = network.preconditioner.wires(row)
-    title = f"{shortened(network.title, 60)}: the row of {counted(network.stages, 'cells')}"
+    title = f"{shortened(network.title, 60)}: array of {counted(network.stages, 'cells')}"
     page.text((SIDE, 4.5), title, size=LARGE, bold=True)
     said = f"{network.size} live neurons; preconditioner: {network.preconditioner.kind.value}"
     if wires.count:
@@ -105,7 +105,7 @@ def _inside(network: Network, stage: int) -> list[Entry]:
         if neuron.shared:
             continue
         if place in pins:
-            groups[neuron.population, "pinned at"].append(pins[place])
+            groups[neuron.population, "fixed at"].append(pins[place])
         elif place in absent:
             groups[neuron.population, "absent"].append(part)
         else:
@@ -114,15 +114,17 @@ def _inside(network: Network, stage: int) -> list[Entry]:
     for (population, state), parts in groups.items():
         found.append((population, _said(population, state, parts), not state))
     if stage == 0:
-        found += [("", f"left of it: {n} = {i}", False) for n, i in network.left_boundary.items()]
+        found += [
+            ("", f"left boundary: {n} = {i}", False) for n, i in network.left_boundary.items()
+        ]
     return found
 
 
 def _said(population: str, state: str, parts: list[str]) -> str:
     heads = {part.partition(".")[0] for part in parts}
-    if state == "pinned at" and len(heads) == 1 and all("." in part for part in parts):
+    if state == "fixed at" and len(heads) == 1 and all("." in part for part in parts):
         ends = ", ".join(part.partition(".")[2] for part in parts)
-        return f"{population} pinned at {heads.pop()}: {ends}"
+        return f"{population} fixed at {heads.pop()}: {ends}"
     return f"{population} {state}".strip() + (" " if state else ": ") + ", ".join(parts)
 
 
@@ -233,7 +235,7 @@ def _draw_bus(page: Page, network: Network, names: list[str], top: float) -> Non
 def _draw_legend(page: Page, network: Network, top: float) -> None:
     signs = (
         ("-", tint(GREY, 0.22), "live neurons of a population"),
-        ((0, (2, 1.2)), "white", "pinned at an input, or not there"),
+        ((0, (2, 1.2)), "white", "fixed at an input, or not there"),
     )
     x = SIDE
     for style, face, words in signs:
@@ -242,9 +244,12 @@ def _draw_legend(page: Page, network: Network, top: float) -> None:
         x += 10.7 + text_width(words)
     page.line([(x, top), (x + 5, top)], Pen(width=0.7))
     page.arrow((x + 5, top), color=INK)
-    page.text((x + 6.2, top), "wire to a neighbour, with what it carries")
+    page.text((x + 6.2, top), "wire to a neighbour, with the transmitted quantity")
     if _height_of(network):
-        words = "Above: coordinators add up the drives of the neurons below them and move these."
+        words = (
+            "Top: coarse-level neurons sum the net inputs of the neurons below and drive these "
+            "neurons."
+        )
         page.text((SIDE, top + LINE), words, size=SMALL)
 
 

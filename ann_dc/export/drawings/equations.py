@@ -86,8 +86,8 @@ def _document(network: Network) -> Iterator[str]:
     yield r"\end{align*}"
     if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
         kind = network.preconditioner.kind.value
-        yield f"These are the drives. A {kind} preconditioner spreads them over the row:"
-        yield "it changes how soon the network settles, not where."
+        yield f"These are the net inputs. The {kind} preconditioner couples them along the array:"
+        yield "it changes the settling time, not the equilibrium."
     blocks = [block for block in network.cell.blocks if not is_inline(block)]
     if blocks:
         yield r"\section*{Blocks}"
@@ -134,7 +134,7 @@ def _term(place: int, wire: Connection, names: Mapping[str, str], first: bool) -
 
 
 def _neuron_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
-    yield r"\section*{Neurons: time constants, rails, and the user's value of one and of zero}"
+    yield r"\section*{Neurons: time constants, limits, and the user's values of one and of zero}"
     yield r"\begin{longtable}{lllllll}"
     yield r"neuron & role & $\tau$ & lowest & highest & step of 1 & zero \\ \hline \endhead"
     for neuron in network.cell.neurons:
@@ -168,13 +168,13 @@ def _ends(network: Network, names: Mapping[str, str]) -> Iterator[str]:
             yield rf"${at_stage(names[name])}$ & ${range_of(network.input_values[name])}$ \\"
         yield r"\end{longtable}"
     if network.fixed or network.omitted or network.left_boundary:
-        yield r"\section*{Ends of the row}"
+        yield r"\section*{Ends of the array}"
         yield r"\begin{longtable}{ll}"
         at = lambda name, stage: names[name].replace(INDEX, str(stage))  # noqa: E731
         for pin in network.fixed:
             yield rf"${at(pin.neuron, pin.stage)}$ & $= {at(pin.input, pin.stage)}$ \\"
         for gone in network.omitted:
-            yield rf"${at(gone.neuron, gone.stage)}$ & is absent \\"
+            yield rf"${at(gone.neuron, gone.stage)}$ & is omitted \\"
         for node, given in network.left_boundary.items():
             yield rf"${at(node, -1)}$ & $= {at(given, 0)}$ \\"
         yield r"\end{longtable}"

@@ -25,13 +25,13 @@ BLOCKS = "#555555"
 MEANINGS = {
     "q": "states",
     "u": "controls",
-    "t": "next states, which neighbours compare",
+    "t": "next states, compared by the neighbours",
     "mu": "multipliers of the dynamics",
     "beta": "multipliers of the coupling",
     "z": "multipliers of inequalities",
-    "z_J": "shares of the objectives",
+    "z_J": "weights of the objectives",
     "J": "measured objectives",
-    "E": "what no objective is above",
+    "E": "upper bound of the objectives",
 }
 
 

@@ -177,7 +177,7 @@ def _sheet(circuit: Circuit, level: str, run: list, number: tuple[int, int]) -> 
         f"time is {engineering(scaling.time, 's')}. One part of every kind."
     )
     if any(part.name.startswith(OWN) for part in circuit.schematic.parts):
-        said += f" {OWN}x integrates the drive of neuron x."
+        said += f" {OWN}x integrates the net input of neuron x."
     page.text((SIDE + 2, 10.5), said, size=PLAIN)
     symbols, y = Symbols(page), TOP
     for tall, pair in run:
@@ -209,13 +209,13 @@ class _Panel:
         kind |= {Multiplier: "multiplier", Generator: "generator"}
         words = kind[type(part)]
         if isinstance(part, PICell) and part.rectified:
-            words = "diode neuron"
+            words = "rectifying multiplier"
         self.page.text(
             (self.x + 3, self.y + 4), fitted(f"{words} {name}", 46), bold=True, size=PLAIN
         )
         said = f"cell {self.drawn.stage}"
         if self.drawn.others:
-            said += f"; {len(self.drawn.others)} more like it"
+            said += f"; {len(self.drawn.others)} equal ones"
         self.page.text((self.x + PANEL - 3, self.y + 4), said, align="right", color=GREY)
         if isinstance(part, (Multiplier, Generator)):
             self._draw_box(part)

@@ -43,8 +43,8 @@ def _fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
     if not np.isfinite(largest).all():
         name = program.names[int(np.argmin(np.isfinite(largest)))]
         raise ExportError(
-            f"{name}: it overflows on the walks that word ranges are read from, so that no word "
-            "holds it; start nearer to the end, or design the network again"
+            f"{name}: it overflows in the runs that determine the word ranges; use an initial "
+            "guess closer to the solution, or design the network again"
         )
     _widen_states(program, largest)
     least = 2.0 ** (2 - bits)  # of a word's range, twice its last bit
@@ -154,8 +154,8 @@ class _Writer:
         """Return an error message that names the row of a word."""
         name = self.program.names[self.program.rows[word]]
         return (
-            f"bits: words of {self.bits} bits cannot carry {name}: {why}; take wider words, or "
-            "units that bring its numbers nearer to one"
+            f"bits: words of {self.bits} bits cannot carry {name}: {why}; use wider words, or "
+            "units in which its numbers are of order 1"
         )
 
     def table(self, code: int, argument: int, word: int) -> int:

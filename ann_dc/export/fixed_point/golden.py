@@ -78,18 +78,18 @@ class Measured(NamedTuple):
             (self.unconfirmed > 0, "none unconfirmed"),
             (
                 self.floats - self.right > MISSING * self.inputs,
-                f"as many right as in float64 less {MISSING:.0%}",
+                f"as many correct as in float64 less {MISSING:.0%}",
             ),
         )
         return ", ".join(condition for fails, condition in conditions if fails)
 
     def __str__(self) -> str:
         if not self.inputs:
-            return "no inputs were held out"
+            return "no held-out inputs"
         return (
-            f"{self.right} of {self.inputs} inputs settle right ({self.right / self.inputs:.1%}; "
-            f"float64 {self.floats}), {self.wrong} wrong, {self.unconfirmed} unconfirmed, "
-            f"{self.saturated} saturated"
+            f"{self.right} of {self.inputs} inputs settle at the optimum "
+            f"({self.right / self.inputs:.1%}; float64 {self.floats}), {self.wrong} wrong, "
+            f"{self.unconfirmed} unconfirmed, {self.saturated} saturated"
         )
 
 
@@ -173,7 +173,7 @@ class FixedPoint:
     def covers(self) -> str:
         """Description of the inputs for which words were chosen."""
         if not self.ranges:
-            return "the network's own inputs alone"
+            return "the inputs of the network only"
         ends = (f"{name} from {low:g} to {high:g}" for name, (low, high) in self.ranges.items())
         return ", ".join(ends)
 
@@ -181,7 +181,7 @@ class FixedPoint:
     def worth(self) -> str:
         """Description of these inputs and of the fraction of correct held-out inputs."""
         if not self.ranges:
-            return f"words chosen for {self.covers}; others may saturate, which the status tells"
+            return f"words chosen for {self.covers}; others may saturate (reported by the status)"
         return f"words chosen for {self.covers}; held out, {self.measured}"
 
     def named(self, prefix: str) -> FixedPoint:

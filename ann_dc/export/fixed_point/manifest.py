@@ -81,7 +81,7 @@ def _read(files: Mapping[str, bytes]) -> FixedPoint:
     table = notes_of(files, NAME, FORMAT, SCHEMA).given
     given = {key: value for key, value in table.items() if key != "sha256"}
     whole = table.get("sha256") == _digest(given)
-    _require(whole, NAME, "it was changed; export the network again")
+    _require(whole, NAME, "the file was changed; export the network again")
     arrays = {n: np.array(given[n], np.int64).reshape(shape) for n, shape in ARRAYS.items()}
     machine = Machine(given["bits"], given["guard"], given["period"], **arrays)
     _check_indices(machine)
@@ -142,16 +142,16 @@ def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[st
     """
     network, vector = _read(files), vector_of(files)
     same = hashlib.sha256(files[VECTOR]).hexdigest() == network.vector
-    _require(same, VECTOR, f"is another one than {NAME} was made with; export it again")
+    _require(same, VECTOR, f"differs from the network of {NAME}; export the network again")
     _check_controls(network, vector)
     for count, states in network.vectors.items():
-        why = f"its integers walk to other states after {count} steps than it says"
+        why = f"the states after {count} integer steps differ from the stored ones"
         _require(np.array_equal(network.states_after(count), states), NAME, why)
     anew = {**written(network), VECTOR: files[VECTOR]}
     for name in sorted({*files, *anew}):
-        _require(name in anew, name, "is no part of this export")
+        _require(name in anew, name, "is not part of this export")
         _require(name in files, name, "missing")
-        _require(files[name] == anew[name], name, f"is not what {NAME} says; export it again")
+        _require(files[name] == anew[name], name, f"differs from {NAME}; export the network again")
     return (
         f"{network.steps} steps of the golden model in words of {network.bits} bits, equal to the "
         f"last bit; controls within {network.error:.1e} of the largest; {network.worth}"

@@ -38,14 +38,14 @@ def _named(text: str, prefix: str) -> str:
 def _facts(network: FixedPoint) -> dict[str, object]:
     """Return the values that the texts of both languages contain."""
     machine = network.machine
-    own = "Inputs without a range were held at the values that the network was exported with."
+    own = "Inputs without a range had the values of the exported network."
     return {
         "title": plain(network.title),
         "wiring": plain(network.wiring),
         "content": plain(network.content),
         "covers": plain(network.covers),
         "worth": plain(network.worth.removeprefix("words chosen for "), "%;"),
-        "own": own if network.ranges else "Give ranges with `over=`, or design with `--range`.",
+        "own": own if network.ranges else "Set ranges with `over=`, or design with `--range`.",
         "wrong": f"{WRONG * network.accuracy:g}",
         "least": f"{LEAST:g}",
         "bits": machine.bits,

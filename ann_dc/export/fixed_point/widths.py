@@ -122,14 +122,14 @@ def _unsettled(vector: ReferenceVector) -> ExportError:
     """Return the error for a network without a settled state."""
     if vector.duration is None:
         return ExportError(
-            "network: expected one that settles, got one that does not settle in the steps of its "
-            "test vector; words are chosen for the accuracy of the settled state. Design the "
-            "network for its inputs, or take weights or onnx"
+            "network: expected a network that settles within the steps of its test vector; "
+            "words are chosen for the accuracy of the settled state. Design the network for "
+            "its inputs, or use weights or onnx"
         )
     return ExportError(
         f"duration: expected a network that settles, got a run of {vector.duration:g} that does "
-        "not end at rest; words are chosen for the accuracy of the settled state. Take "
-        f"{', '.join(ENDLESS)}"
+        "not end at an equilibrium; words are chosen for the accuracy of the settled state. "
+        f"Use {', '.join(ENDLESS)}"
     )
 
 
@@ -166,7 +166,7 @@ class _Trial:
         best = min((f for f in found if isinstance(f, FixedPoint)), key=lambda f: f.error)
         field = "accuracy" if best.error > self.accuracy else "over"
         raise ExportError(
-            f"{field}: no word of up to {MOST} bits is good enough: {best.bits} bits "
+            f"{field}: no word of up to {MOST} bits is sufficient: {best.bits} bits "
             f"{self.reached(best)}; {self.remedy(best)}"
         )
 
@@ -177,9 +177,9 @@ class _Trial:
             return found
         wider = (self.carried(more) for more in WIDTHS if more > bits)
         first = next((f for f in wider if isinstance(f, FixedPoint) and self.good(f)), None)
-        advice = f"no width up to {MOST} is good enough"
+        advice = f"no width up to {MOST} is sufficient"
         if first is not None:
-            advice = f"take bits={first.bits} ({first.error:.1e})"
+            advice = f"use bits={first.bits} ({first.error:.1e})"
         if isinstance(found, ExportError):
             raise ExportError(f"{found}; {advice}")
         raise ExportError(
@@ -188,10 +188,10 @@ class _Trial:
 
     def reached(self, found: FixedPoint) -> str:
         """Return the accuracy of words as a clause, with the unacceptable counts."""
-        text = f"bring the controls within {found.error:.1e} of the largest"
+        text = f"reach a control error of {found.error:.1e} of the largest"
         text += f" (wanted {self.accuracy:g})"
         if found.error == np.inf:
-            text = "do not settle with the network's own inputs"
+            text = "do not settle with the inputs of the network"
         if self.ranges and found.measured.failed:
             link = ", and" if found.error > self.accuracy else ", but"
             text += f"{link} in the ranges {found.measured} (expected {found.measured.failed})"
@@ -203,7 +203,7 @@ class _Trial:
             return "narrow the ranges of over=, or design the network for them first (--range)"
         if found.error == np.inf:
             return "design the network for its inputs again"
-        return "allow as much by accuracy="
+        return "raise accuracy="
 
     def carried(self, bits: int) -> FixedPoint | ExportError:
         """Return the network in words of a width, or the reason that they are too short."""
@@ -217,8 +217,9 @@ class _Trial:
         model.run(WATCHED * self.period)
         if model.saturated[0]:
             return ExportError(
-                f"bits: words of {bits} bits cannot hold the walk of the reference vector: "
-                f"{self.cut_off(found)}; start nearer to the end, or design the network again"
+                f"bits: words of {bits} bits cannot represent the states of the reference "
+                f"vector: {self.cut_off(found)}; use an initial guess closer to the solution, "
+                "or design the network again"
             )
         found = replace(found, error=found.control_error(model.states, self.vector))
         whole = self.sample.settled & ~model.saturated
@@ -240,7 +241,7 @@ class _Trial:
         machine, program = found.machine, self.sample.program
         operation = first_cut_off(machine, self.longest + WATCHED * self.period)
         if operation is None:
-            return "a number is cut off"
+            return "a number is truncated"
         kind, target, table, argument = operation[:4]
         word, ends = target, np.array([-1, 1]) << (machine.bits - 1)
         if kind == FUNCTION:

@@ -190,8 +190,9 @@ def _lost(instance: CircuitInstance) -> list[str]:
         return [clipping_of(instance, instance.emulation, instance.settled).sentence]
     if other_equilibrium := other_equilibrium_of(instance, transient_of(instance, MOST_STEPS)):
         return [
-            f"it may settle to a wrong point: emulated from reset, {other_equilibrium}; design the "
-            "network with another preconditioner, such as PreconditionerKind.MULTILEVEL"
+            f"it may settle at another equilibrium: emulated from reset, {other_equilibrium}; "
+            "design the network with another preconditioner, such as "
+            "PreconditionerKind.MULTILEVEL"
         ]
     return []
 
@@ -217,7 +218,8 @@ def _coarse(instance: CircuitInstance, error: float) -> list[str]:
             f"{reported}, because of the series of its resistors; series=E96-pairs: {better:.1e}"
         ]
     return [
-        f"{reported}; take better parts, or a slower network (ann-dc circuit has the error budget)"
+        f"{reported}; use better parts, or a slower network (ann-dc circuit prints the "
+        "error budget)"
     ]
 
 

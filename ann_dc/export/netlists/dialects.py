@@ -54,7 +54,7 @@ XYCE = """\
 | here | in the pack's deck | why |
 |---|---|---|
 | one file | library included | nothing to look for |
-| `.print tran format=csv` | `.save`, `wrdata` | writes what it names, here `waveforms.csv` |
+| `.print tran format=csv` | `.save`, `wrdata` | writes the named nodes, here `waveforms.csv` |
 | `.measure tran` | `.control`, `echo` | Xyce has no command language; see `deck.cir.mt0` |
 | `B1 out 0 V={...}`, all in braces | braces around parameters | grammar of expressions |
 | `X... name params: a=1` | `X... name a=1` | instances need the word |
@@ -92,8 +92,8 @@ def xyce_files(
     made = _build(network, vector, level, series)
     if made.level.technology.clocked:
         raise ExportError(
-            f"level {level}: its switches need a hard threshold, and those of Xyce change over a "
-            "range; take another level, or the pack for ngspice"
+            f"level {level}: its switches need a hard threshold, and those of Xyce change over "
+            "a range; use another level, or the pack for ngspice"
         )
     return _files(made, vector, _deck(made, _xyce, _xyce_end), "Xyce", XYCE)
 
@@ -103,7 +103,7 @@ def _build(network: Network, vector: ReferenceVector, level: str, series: str) -
     if level.lower() == PACKAGE:
         raise ExportError(
             f"level {level}: its models are written for ngspice, with AGAUSS and lengths in "
-            "micrometres; take another level, or the pack for ngspice"
+            "micrometres; use another level, or the pack for ngspice"
         )
     return build(network, level, series, vector.duration)
 
@@ -131,7 +131,7 @@ def _readme(made: Build, parts: Sequence[Part], simulator: str, differences: str
 
 `{DECK}` is the {made.level.name} level of {cells}. It measures the volts of
 every control near the end of the run; `expected_controls.csv` has those that are expected, and
-`scaling.csv` what a volt stands for. **It was written after {simulator}'s manual, and has not been
+`scaling.csv` the value of a volt. **It was written after {simulator}'s manual, and has not been
 run in {simulator}.** What is different from the deck for ngspice:
 
 {differences}"""

@@ -70,8 +70,8 @@ def kicad_files(
     named = isinstance(made.level.technology, (OpAmps, DifferentialPairs))
     if made.level.models != "macro" or not named:
         raise ExportError(
-            f"level {level}: has no parts that can be bought; take macro, differential, or parts "
-            "by name such as tl072_ad633"
+            f"level {level}: has no commercial parts; use macro, differential, or parts by name "
+            "such as tl072_ad633"
         )
     elements = flattened(deck_text(made), library_of(made))
     soldered = (*_in_series(parts_of(elements, made.level.name), made.series),)
@@ -208,8 +208,8 @@ def _readme(build: Build, parts: Sequence[Part]) -> str:
 
 {accuracy_text(build, parts)}
 
-In the board editor (Pcbnew): File, Import, Netlist, `{NETLIST}`. Level: {level}. `parts.csv` says
-what every part is in the deck of the pack. Components without a footprint are for you to choose:
+In the board editor (Pcbnew): File, Import, Netlist, `{NETLIST}`. Level: {level}. `parts.csv` lists
+the name of every part in the netlist of the pack. Choose the components without a footprint:
 switches of the reset, presets and constants (voltages), function generators.
 
 Nets `{GROUND}`, `V+`, `V-` are ground and the supplies; add decoupling capacitors and connectors.

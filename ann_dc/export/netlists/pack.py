@@ -125,7 +125,7 @@ def scaling_text(build: Build) -> str:
             used = f"{scaling.used(name):.3g}" if name in scaling.peaks else ""
             ends = (f"{scale.factor:.9g}", f"{1 / scale.factor:.9g}", f"{scale.offset:.9g}")
             rows.append((where, name, *ends, used))
-    head = ("node", "stands for", "user unit a volt", "volts a user unit", "offset", "used")
+    head = ("node", "quantity", "user unit per volt", "volts per user unit", "offset", "used")
     return csv_text(head, rows)
 
 
@@ -171,10 +171,9 @@ E24. With `series=E96`, one for each, controls are often off by several percent.
 """
 
 
-SETTLING = f"""Above {NEAR:.0%} it says that they are NOT where the ideal network settles, with exit
-code 1. The expected values are those of the ideal
-network; parts of a level are off by what their gain, bandwidth and rails cost. `ann-dc circuit` has
-their noise, tolerances and settling time.
+SETTLING = f"""Above {NEAR:.0%} the result is NOT that of the ideal network, and the exit code is
+1. The expected values are those of the ideal network; parts of a level deviate by the effect of
+their gain, bandwidth and limits. `ann-dc circuit` prints their noise, tolerances and settling time.
 """
 WAVES = """The expected values are those of the ideal network at that time. Small errors of parts
 add up over the time of an oscillator, and grow in a chaotic network.
@@ -216,18 +215,18 @@ Level: {build.level.name}. Resistors: {build.series.name}{with_them}. {len(parts
 
 runs it for {deck.end:.4g} s of circuit time, and needs nothing but this folder. It writes
 
-- `{CONTROLS}`: every control in the user's units at the end, beside what is expected,
+- `{CONTROLS}`: every control in the user's units at the end, with the expected value,
 - `{WAVEFORMS}`: the volts of the controls over time,
 
-and says how far the controls are off, as a share of {build.probe.size_in_words}.
+and the control error relative to {build.probe.size_in_words}.
 {SETTLING if build.settles else WAVES}
-| file | what |
+| file | content |
 |---|---|
 | `{DECK}` | the netlist: cells, the row, inputs, reset, the transient |
 | `library/` | the models and cells that it includes |
-| `bill.csv` | what to buy: one line for all components that are the same |
+| `bill.csv` | bill of materials: one line for equal components |
 | `parts.csv` | every part: reference, name in the deck, value, nets |
-| `scaling.csv` | what a volt at a node stands for |
+| `scaling.csv` | value of a volt at every node |
 | `expected_controls.csv` | the controls at the end, in the user's units and in volts |
 | `expected_waveforms.csv` | all neurons in volts over seconds, as the ideal network moves |
 | `reference_vector.json` | the network's own steps, for `ann-dc inspect` |
@@ -289,12 +288,12 @@ def deck_text(build: Build) -> str:
         *models,
         "* ---- cells",
         *deck.cells,
-        "* ---- the row",
+        "* ---- cell array",
         *deck.row,
         "* ---- inputs and reset",
         *deck.inputs,
         *deck.analysis,
-        "* ---- what is written down",
+        "* ---- output",
         *_control_lines(build),
         ".end",
     )

@@ -186,7 +186,7 @@ def _instances(cards: list[list[str]]) -> Iterator[Instance]:
         if nets[:2] in rails:
             module, given = "integ_railed", given | rails[nets[:2]]
         if module_text(module) is None:
-            raise ExportError(f"verilog-a: {card[0]} is a {module}, of which there is no module")
+            raise ExportError(f"verilog-a: {card[0]} is a {module}, which has no module")
         yield module, card[0], nets, given
 
 
@@ -241,7 +241,7 @@ def _readme(made: Build) -> str:
 
 `{MODULES}` has the module `network` of cells, each of integrators, PI cells, multipliers and
 function generators. Resistors in ohms, capacitors in farads, presets in volts are parameters
-with the names that they have in the SPICE decks; `scaling.csv` says what a volt stands for.
+with the names that they have in the SPICE decks; `scaling.csv` has the value of a volt.
 
 Ports of `network`: `rst`, which holds the circuit at its start while it is above 2.5 V, and the
 controls. For the run that is expected here drive it like this, and wait until {timing.end:.4g} s:

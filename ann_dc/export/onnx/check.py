@@ -74,11 +74,13 @@ def _read_model(files: Mapping[str, bytes], name: str, vector: ReferenceVector) 
         model = onnx.load_model_from_string(content)
         said = metadata(model)
     if said.get(DIGEST) != digest(model):
-        raise FileFormatError(f"{name}: its content is not what its digest says: export it again")
+        raise FileFormatError(
+            f"{name}: its content differs from its digest; export the network again"
+        )
     if said.get("content") != vector.content:
         raise FileFormatError(f"{name}: {VECTOR} is of another network")
     if model.functions or model.training_info:
-        raise FileFormatError(f"{name}: has functions or training beside its graph")
+        raise FileFormatError(f"{name}: expected a graph only, got functions or training data")
     _check_graph(name, model.graph)
     _check_tensors(name, model.graph, vector)
     with _refused(name):
@@ -109,20 +111,22 @@ def _check_graph(name: str, graph: Any, depth: int = 0) -> None:
 
     for node in graph.node:
         if node.op_type not in OPERATIONS or node.domain not in ("", "ai.onnx"):
-            raise FileFormatError(f"{name}: the operation {node.op_type!r:.40} is none of ours")
+            raise FileFormatError(
+                f"{name}: the operation {node.op_type!r:.40} is not used by exports"
+            )
         for attribute in node.attribute:
             _check_attribute(name, node.op_type, attribute, depth)
     if graph.sparse_initializer:
         raise FileFormatError(f"{name}: has sparse numbers")
     for table in graph.initializer:
         if table.external_data or table.data_location == TensorProto.EXTERNAL:
-            raise FileFormatError(f"{name}: {table.name!r:.40} keeps its numbers in another file")
+            raise FileFormatError(f"{name}: {table.name!r:.40} stores its numbers in another file")
 
 
 def _check_attribute(name: str, kind: str, attribute: Any, depth: int) -> None:
     """Check an attribute: numbers, types, or a loop body at most two loops deep."""
     if attribute.HasField("t") or attribute.tensors or attribute.graphs:
-        raise FileFormatError(f"{name}: {kind} has tensors of its own")
+        raise FileFormatError(f"{name}: {kind} has local tensors")
     if attribute.HasField("g"):
         if kind != "Loop" or depth > 1:
             raise FileFormatError(f"{name}: a graph in {kind}")
@@ -173,7 +177,7 @@ def _check_sizes(name: str, graph: Any, vector: ReferenceVector) -> None:
         body = _body(loop)
         for before, after in zip(loop.input[2:], body.output[1:]):
             if shapes[before] != shapes[after.name]:
-                raise FileFormatError(f"{name}: {after.name!r:.60} grows from turn to turn")
+                raise FileFormatError(f"{name}: {after.name!r:.60} grows with the iterations")
 
 
 def _loops_in(name: str, graph: Any) -> Iterator[tuple[Any, Any]]:
@@ -273,7 +277,7 @@ def onnx_check(files: Mapping[str, bytes]) -> str:
     vector = ReferenceVector.from_json(_content(files, VECTOR))
     step, settle = (_Session(name, files, vector) for name in (STEP, SETTLE))
     if step.precision != settle.precision:
-        raise FileFormatError(f"{STEP}, {SETTLE}: of two precisions; export them together")
+        raise FileFormatError(f"{STEP}, {SETTLE}: the precisions differ; export both together")
 
     def walked(states: np.ndarray, count: int) -> np.ndarray:
         states = states[..., None]
@@ -297,7 +301,7 @@ def _settled(settle: _Session, vector: ReferenceVector) -> str:
     In float32 a residual may remain above the tolerance for any number of steps.
     """
     if not vector.settles:
-        return "which never settles"
+        return "which does not settle"
     states, residuals, counts = settle.run(
         vector.start[..., None], tolerance=vector.tolerance, limit=PATIENCE * vector.steps
     )
@@ -310,7 +314,7 @@ def _settled(settle: _Session, vector: ReferenceVector) -> str:
     apart = np.abs(states[..., 0] - vector.end).max() / max(1.0, np.abs(vector.end).max())
     if not apart <= END[settle.precision]:
         raise FileFormatError(
-            f"{SETTLE}: settles {apart:.1e} of the largest state beside the reference vector, "
+            f"{SETTLE}: settles {apart:.1e} of the largest state from the reference vector, "
             f"{END[settle.precision]:g} is allowed; export it again"
         )
     return (

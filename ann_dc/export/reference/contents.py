@@ -81,7 +81,7 @@ def _check_sums(files: Mapping[str, bytes]) -> None:
         raise FileFormatError(f"{SUMS}: does not list {', '.join(unlisted)[:80] or 'a file once'}")
     for name, digest in listed.items():
         if hashlib.sha256(file_of(files, name)).hexdigest() != digest:
-            raise FileFormatError(f"{name:.80}: is not what {SUMS} says; export it again")
+            raise FileFormatError(f"{name:.80}: differs from its hash in {SUMS}; export it again")
 
 
 def not_run(files: Mapping[str, bytes]) -> str:

@@ -132,11 +132,11 @@ def read_beside(
     content, vector = file_of(files, main), vector_of(files)
     table = notes_of(files, notes, form, schema)
     if (table.get("wiring", str), table.get("content", str)) != (vector.wiring, vector.content):
-        raise FileFormatError(f"{notes}: it is another network's than {VECTOR}")
+        raise FileFormatError(f"{notes}: belongs to another network than {VECTOR}")
     if hashlib.sha256(content).hexdigest() != table.get("sha256", str):
         raise FileFormatError(
-            f"{main}: its hash is not the one in {notes}, so it is not loaded: whatever reads it "
-            "may be harmed by a changed file; export the network again"
+            f"{main}: its hash is not the one in {notes}, so it is not loaded, because a "
+            "changed file may be unsafe; export the network again"
         )
     places = Places.read(table.get("places", list), vector.start.shape, f"{notes}.places")
     names = table.get("inputs", dict)
@@ -164,8 +164,7 @@ def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVe
     network = unpacked(file_of(files, NETWORK), Path(NETWORK))
     if content_hash(network) != vector.content:
         raise FileFormatError(
-            f"{NETWORK}: its content is not that of {VECTOR}; one of them was changed: export the "
-            "network again"
+            f"{NETWORK}: its content differs from {VECTOR}; export the network again"
         )
     return network, vector
 
@@ -177,10 +176,7 @@ def walked(network: Network, files: Mapping[str, bytes]) -> str:
     """
     vector = vector_of(files)
     if vector.content != content_hash(network):
-        raise FileFormatError(
-            f"{VECTOR}: it is another network's; one of the files was changed: export the network "
-            "again"
-        )
+        raise FileFormatError(f"{VECTOR}: belongs to another network; export the network again")
     if vector.start.shape != network.live.shape:
         raise FileFormatError(f"{VECTOR}: its states do not fit the network; export it again")
     walker = EulerWalk(network, vector.step)

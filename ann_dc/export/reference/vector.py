@@ -166,8 +166,8 @@ def check_states(found: np.ndarray, expected: np.ndarray, tolerance: float) -> f
     off = float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max()))
     if not off <= tolerance:
         raise FileFormatError(
-            f"{VECTOR}: the states differ by {off:.1e} of the largest, {tolerance:g} is allowed; "
-            "this is not the network that was exported: export it again"
+            f"{VECTOR}: the states differ by {off:.1e} of the largest, {tolerance:g} is "
+            "allowed; the network differs from the exported one: export it again"
         )
     return off
 

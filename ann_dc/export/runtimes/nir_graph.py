@@ -77,8 +77,8 @@ def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
     form = _linear_form(network)
     if network.size > MOST:
         raise ExportError(
-            f"{network.title}: {network.size} neurons, and the matrices of NIR are dense; it takes "
-            f"up to {MOST}: export fewer stages"
+            f"{network.title}: {network.size} neurons, and the matrices of NIR are dense; the "
+            f"limit is {MOST}: export fewer stages"
         )
     nir, stream = package("nir", "export"), io.BytesIO()
     nir.write(stream, _graph(network, form))
@@ -179,7 +179,7 @@ def _check_nodes(graph: Any) -> None:
     nodes = graph.nodes
     fits = all(type(node).__name__ in TYPES.get(name, ()) for name, node in nodes.items())
     if not fits or not {"neurons", "synapses"} <= nodes.keys() or not {*graph.edges} <= allowed:
-        raise FileFormatError(f"{GRAPH}: its nodes are not those of an exported network")
+        raise FileFormatError(f"{GRAPH}: its nodes differ from those of an exported network")
 
 
 class _LinearForm(NamedTuple):
@@ -230,7 +230,7 @@ def _check_linear(network: Network) -> None:
             f" and {len(found) - 12} more" if len(found) > 12 else ""
         )
         raise ExportError(
-            f"cell: NIR has linear nodes only, got {reported}; take onnx, torch_program or "
+            f"cell: NIR has linear nodes only, got {reported}; use onnx, torch_program or "
             "verilog_a, or a network without them"
         )
 
@@ -267,7 +267,7 @@ def _read(content: bytes, size: int, inputs: int) -> Any:
     except FileFormatError:
         raise
     except Exception as error:  # whatever h5py and nir make of another file
-        raise FileFormatError(f"{GRAPH}: no NIR graph: {error}") from error
+        raise FileFormatError(f"{GRAPH}: not a NIR graph: {error}") from error
 
 
 def _shapes(size: int, inputs: int) -> Mapping[str, tuple[str, tuple[int, ...]]]:
@@ -301,7 +301,7 @@ def _datasets(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         elif place in GROUPS:
             yield from _datasets(item, f"{place}/")
         else:
-            raise FileFormatError(f"{GRAPH}: {place:.80} is in no exported network")
+            raise FileFormatError(f"{GRAPH}: {place:.80} does not occur in an exported network")
 
 
 def _check_dataset(place: str, dataset: Any, wanted: tuple[str, tuple[int, ...]] | None) -> None:
@@ -314,9 +314,9 @@ def _check_dataset(place: str, dataset: Any, wanted: tuple[str, tuple[int, ...]]
             f"{place:.100}: {dataset.shape} of {dataset.dtype!s:.20} does not fit the network"
         )
     if dataset.is_virtual or dataset.external:
-        raise FileFormatError(f"{place:.100}: its numbers lie in another file")
+        raise FileFormatError(f"{place:.100}: its numbers are in another file")
     if dataset.id.get_create_plist().get_nfilters() != (dataset.compression == "gzip"):
-        raise FileFormatError(f"{place:.100}: is packed in a way of its own")
+        raise FileFormatError(f"{place:.100}: has an unsupported compression")
     if dataset.chunks:
         _check_chunks(place, dataset)
 
@@ -325,8 +325,8 @@ def _check_chunks(place: str, dataset: Any) -> None:
     """Raise `FileFormatError` for chunks that unpack to more than their size."""
     whole = math.prod(dataset.chunks) * dataset.dtype.itemsize
     if any(chunk > length for chunk, length in zip(dataset.chunks, dataset.shape)):
-        raise FileFormatError(f"{place:.100}: its chunks are larger than itself")
+        raise FileFormatError(f"{place:.100}: its chunks are larger than the data")
     for number in range(dataset.id.get_num_chunks()):
         _, packed = dataset.id.read_direct_chunk(dataset.id.get_chunk_info(number).chunk_offset)
         if dataset.compression and len(zlib.decompressobj().decompress(packed, whole + 1)) > whole:
-            raise FileFormatError(f"{place:.100}: a chunk unpacks to more than it has")
+            raise FileFormatError(f"{place:.100}: a chunk unpacks to more than its size")

@@ -79,8 +79,8 @@ def torch_program_check(files: Mapping[str, bytes]) -> str:
     off = abs(walker.residual(vector.end) - vector.residual)
     if not off <= TOLERANCES[precision]:
         raise FileFormatError(
-            f"{PROGRAM}: the residual at the end of {VECTOR} is {off:.1e} beside the one there; "
-            "export the network again"
+            f"{PROGRAM}: the residual at the end of {VECTOR} differs by {off:.1e} from the "
+            "stored one; export the network again"
         )
     sizes = ", ".join(map(str, BATCHES))
     return (

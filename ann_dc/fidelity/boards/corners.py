@@ -209,7 +209,7 @@ def _measured(
 
 def _read(conditions: Conditions, run: CircuitRun | None) -> Corner:
     if run is None:
-        return Corner(conditions=conditions, remark="ngspice did not end its run")
+        return Corner(conditions=conditions, remark="ngspice did not complete the run")
     clipped = bool(run.overloads)
     if why := run.unsettled:
         return Corner(conditions=conditions, clipped=clipped, remark=why)

@@ -58,16 +58,16 @@ BOARDS = ("opa192_ad734", "ad8065_ad835")
 """Part sets that are most sensitive."""
 
 PASSIVES: dict[str, dict[str, float]] = {
-    "multipliers bent by 0.1 %": {"multiplier_nonlinearity": 1e-3},
-    "multipliers bent by 0.4 %": {"multiplier_nonlinearity": 4e-3},
-    "0.3 % of feedthrough": {"multiplier_feedthrough": 3e-3},
-    "5 pF at every input of a multiplier": {"multiplier_capacitance": 5e-12},
-    "insulators of 0.1 s": {"capacitor_leakage": 0.1},
-    "open switches of 1 Gohm": {"switch_leakage": 1e9},
-    "open switches of 5 pF": {"switch_capacitance": 5e-12},
-    "open switches of 1 Gohm and 5 pF": {"switch_leakage": 1e9, "switch_capacitance": 5e-12},
-    "switches that leave 0.5 pC": {"switch_charge": 0.5e-12},
-    "switches that leave 5 pC": {"switch_charge": 5e-12},
+    "multiplier nonlinearity 0.1 %": {"multiplier_nonlinearity": 1e-3},
+    "multiplier nonlinearity 0.4 %": {"multiplier_nonlinearity": 4e-3},
+    "feedthrough 0.3 %": {"multiplier_feedthrough": 3e-3},
+    "multiplier input capacitance 5 pF": {"multiplier_capacitance": 5e-12},
+    "capacitor leakage time constant 0.1 s": {"capacitor_leakage": 0.1},
+    "open switches 1 Gohm": {"switch_leakage": 1e9},
+    "open switches 5 pF": {"switch_capacitance": 5e-12},
+    "open switches 1 Gohm and 5 pF": {"switch_leakage": 1e9, "switch_capacitance": 5e-12},
+    "switch charge injection 0.5 pC": {"switch_charge": 0.5e-12},
+    "switch charge injection 5 pC": {"switch_charge": 5e-12},
 }
 """Parasitics of multipliers, capacitors and reset switches by description, rows of the table."""
 
@@ -260,7 +260,7 @@ def _simulated(row: Found, circuit: Circuit, probe: Trajectory, patience: float)
     except NotFiniteError as error:
         return replace(row, measured_stable=False, measured_why=str(error))
     except SpiceTimeoutError:
-        return replace(row, measured_why=f"ended after {patience:g} s")
+        return replace(row, measured_why=f"terminated after {patience:g} s")
     if run.unsettled:
         rings = False if _rings(run) else None
         return replace(row, measured_stable=rings, measured_why=run.unsettled)

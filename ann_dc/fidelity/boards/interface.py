@@ -139,7 +139,7 @@ def interface_cost(
     grain = _control_steps(circuit, interface.adc_bits)
     read = _rounded(controls, grain, interface.adc_bits)
     size = probe.control_size
-    backend.progress("transient, as switches hold it")
+    backend.progress("transient from the reset switches")
     held, _ = _settling(built, None)
     backend.progress("transient from empty capacitors")
     cold, other_equilibrium = _settling(built, np.zeros(built.moving.network.size))

@@ -206,8 +206,9 @@ def _without_noise(error: float, noise: float) -> float:
     rms = float(np.nan_to_num(noise))
     if rms >= error:
         raise NetworkError(
-            f"trimming: noise of {rms:.2g} of the largest control rms is on the controls, and no "
-            f"trim brings them below {error:.2g}; take smaller resistors, or a larger full scale"
+            f"trimming: noise of {rms:.2g} of the largest control (rms) remains, and trimming "
+            f"cannot reduce the error below {error:.2g}; use smaller resistors, or a larger "
+            "full scale"
         )
     return math.sqrt(error**2 - rms**2)
 
@@ -266,7 +267,7 @@ def _check_settles(backend: SpiceBackend, nominal: CircuitInstance) -> None:
     if backend.level.emulated:
         backend.check_stable(nominal.emulation, nominal.probe)
     if nominal.modes.abscissa >= 0:
-        raise NetworkError(f"trimming: {REPELS}, and no trim cures that; take faster parts")
+        raise NetworkError(f"trimming: {REPELS}, which trimming does not change; use faster parts")
 
 
 def _trimmed(

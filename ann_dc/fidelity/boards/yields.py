@@ -115,7 +115,7 @@ def _check_unit(what: str, number: str, unit: str, word: str) -> None:
     if what == "error" and not unit and 1 <= _limit(number) < math.inf:
         raise NetworkError(
             f"spec: {word!r} is {100 * _limit(number):g} % of the largest control; write "
-            f"error<{number}% if that is meant, or a share below 1"
+            f"error<{number}% for per cent, or a fraction below 1"
         )
 
 
@@ -249,7 +249,7 @@ def yield_of(
     require_emulation(common, "yield")
     timed = "settling_time" in spec.limits
     if timed and (why := untimed(common)):
-        raise NetworkError(f"yield: no settling time is known of {spec}: {why}")
+        raise NetworkError(f"yield: the settling time of {spec} is unknown: {why}")
     if spots:
         find_ngspice()
     seeds = range(samples)

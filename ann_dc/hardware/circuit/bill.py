@@ -61,8 +61,8 @@ def check_level(level: Level) -> None:
     """
     if not level.technology.has_resistors:
         raise NetworkError(
-            f"bill: level {level.name} is not built of op amps with resistors; take a macro level, "
-            "parts by name or transistor"
+            f"bill: level {level.name} has no op amps with resistors; use a macro level, parts "
+            "by name or transistor"
         )
 
 
@@ -119,7 +119,7 @@ def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) 
     whole = circuit.capacitors[part.name] * (1 + taken)  # of which the deck gives clamps a share
     for rail, volts in zip(("lo", "hi"), circuit.limits(part)):
         for cell in np.flatnonzero(part.present & np.isfinite(volts)).tolist():
-            owner, farads = f"rail of {part.name}", float(whole[cell])
+            owner, farads = f"clamp of {part.name}", float(whole[cell])
             yield cell, f"x_{rail}_{alias}", 1, "", "", "op amp", "", owner
             yield cell, f"d_{rail}_{alias}", 3, "", "", "diode", "", owner
             yield cell, f"v_{rail}_{alias}", 1, f"{volts:.6g}", "V", "reference, shared", "", owner

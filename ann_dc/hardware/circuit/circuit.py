@@ -455,7 +455,7 @@ def aliases(names: Iterable[str]) -> dict[str, str]:
     taken = set(RESERVED)
     for name in names:
         if not name.isprintable() or len(name) > LONGEST:
-            raise NetworkError(f"circuit: {name!r} is no name that a netlist can carry")
+            raise NetworkError(f"circuit: {name!r} cannot be written into a netlist")
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower().replace("*", "_x_")).strip("_") or "node"
         plain = plain[:40].strip("_") if plain[0].isalpha() else f"n_{plain[:40]}".strip("_")
         alias, number = plain, 2

@@ -82,8 +82,8 @@ def checked_deviations(known: Iterable[Parameter], given: Deviations) -> dict[st
             array = np.broadcast_to(np.asarray(value, float), parameter.present.shape)
         except (TypeError, ValueError):
             raise NetworkError(
-                f"deviation of {name}: expected one number or {len(parameter.present)} of them, "
-                f"one a cell, got {value!r}"
+                f"deviation of {name}: expected one number or {len(parameter.present)} values, "
+                f"one per cell, got {value!r}"
             ) from None
         low = -1.0 if parameter.kind.unit == "1" else -np.inf
         if not (np.isfinite(array).all() and (array > low).all()):

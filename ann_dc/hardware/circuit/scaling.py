@@ -76,7 +76,7 @@ class ProbeRun:
     def __post_init__(self) -> None:
         _check_above(0.0, radius=self.radius)
         if not np.isfinite(self.states).all():
-            raise NetworkError("scaling: the probe run is not finite; it has to settle first")
+            raise NetworkError("scaling: the probe run is not finite; it has to settle")
 
 
 @checked

@@ -145,8 +145,8 @@ def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:
 def _check(circuit: Circuit, level: Level) -> None:
     if level.technology.clocked:
         raise NetworkError(
-            "emulation: a switched-capacitor circuit is no network in continuous time; run the "
-            "recurrent layer with the same step"
+            "emulation: a switched-capacitor circuit is not a network in continuous time; use "
+            "the recurrent layer with the same step"
         )
     network = circuit.schematic.network
     if network.waveforms:

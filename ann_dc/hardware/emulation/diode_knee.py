@@ -117,7 +117,7 @@ def _widths(network: Network, width: float | Mapping[str, float]) -> dict[str, f
     found = {}
     for neuron, size in given.items():
         if neuron not in sums:
-            raise UnknownNameError.of("diode neuron", neuron, sums)
+            raise UnknownNameError.of("inequality dual neuron", neuron, sums)
         if not 0 <= size < math.inf:
             raise NetworkError(f"width of {neuron}: expected 0 or a positive number, got {size!r}")
         found |= dict.fromkeys(sums[neuron] if size else (), float(size))

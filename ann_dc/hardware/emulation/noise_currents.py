@@ -184,7 +184,7 @@ def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     schematic = circuit.schematic
     if schematic.differential:
         raise NetworkError(
-            "noise: known for circuits of single-ended op amps only; choose a level of op amps"
+            "noise: available for circuits of single-ended op amps only; choose a level of op amps"
         )
     found = []
     for part in schematic.parts:

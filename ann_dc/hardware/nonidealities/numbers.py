@@ -80,7 +80,7 @@ def require_strength(field: str, value: float) -> None:
     An infinite value disables the non-ideality.
     """
     if not value > 0:
-        raise NetworkError(f"{field}: expected a positive number, inf for no defect, got {value!r}")
+        raise NetworkError(f"{field}: expected a positive number (inf for none), got {value!r}")
 
 
 def preferred(weight: np.ndarray, series: Series) -> np.ndarray:

@@ -80,7 +80,7 @@ def saturation(
     names, there = chosen(network, where, known)
     if not there.all():
         raise NetworkError(
-            f"saturation: limits are the same at all stages, got {where}; leave stages out"
+            f"saturation: limits are the same at all stages, got {where}; omit stages"
         )
     given = dict(limit) if isinstance(limit, Mapping) else dict.fromkeys(names, limit)
     for name, value in given.items():

@@ -116,14 +116,14 @@ def check_parasitics(
             NONE, attribute
         ):
             raise NetworkError(
-                f"parasitics, {attribute}: cells of {name} circuits have no such part; leave it out"
+                f"parasitics, {attribute}: cells of {name} circuits have no such part; omit it"
             )
     for attribute in () if models == "macro" else BUILT:
         known = {getattr(each, attribute) for each in (NONE, own)}
         if getattr(parasitics, attribute) not in known:
             raise NetworkError(
-                f"parasitics, {attribute}: parts of {name} circuits have none but what their "
-                "models say; leave it out, or take macro models"
+                f"parasitics, {attribute}: parts of {name} circuits have only the parasitics of "
+                "their models; omit it, or use macro models"
             )
 
 

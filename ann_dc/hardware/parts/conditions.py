@@ -50,13 +50,14 @@ class Conditions:
     def __post_init__(self) -> None:
         if not COLDEST <= self.temperature <= HOTTEST:
             raise NetworkError(
-                f"temperature: models are made for {COLDEST:g} to {HOTTEST:g} C, got "
+                f"temperature: models are valid for {COLDEST:g} to {HOTTEST:g} C, got "
                 f"{self.temperature!r}"
             )
         low, high = SUPPLY_RANGE
         if not low <= self.supply <= high:
             raise NetworkError(
-                f"supply: expected {low:g} to {high:g} times the nominal one, got {self.supply!r}"
+                f"supply: expected {low:g} to {high:g} times the nominal supply, got "
+                f"{self.supply!r}"
             )
         if self.process not in CORNERS:
             known = ", ".join(CORNERS)

@@ -124,7 +124,7 @@ class Tolerances:
             value = getattr(self, field.name)
             signed = field.name == "kelvin"
             if not math.isfinite(value) or (value < 0 and not signed):
-                expected = "a finite number" if signed else "a number not below 0"
+                expected = "a finite number" if signed else "a number of at least 0"
                 raise NetworkError(f"tolerances, {field.name}: expected {expected}, got {value!r}")
 
     def __str__(self) -> str:
@@ -177,7 +177,7 @@ RANGES: Mapping[str, tuple[str, Callable[[float], bool]]] = {
     "gbw": ("a positive number of Hz", lambda value: 0 < value < math.inf),
     **dict.fromkeys(
         ("rout", "stage_resistance"),
-        ("a number not below 0 of ohms", lambda value: 0 <= value < math.inf),
+        ("a number of at least 0 of ohms", lambda value: 0 <= value < math.inf),
     ),
     **dict.fromkeys(
         ("amplifier_power", "multiplier_power"),

@@ -56,8 +56,8 @@ class Stretch:
         within = self.value(np.linspace(at[place], at[place + 1], GRID + 1))
         if np.abs(np.diff(within)).max() > 0.5 * rises[place] + 1e-9 * self.peak:
             raise NetworkError(
-                f"{self}: jumps near {at[place]:.3g}, and polynomials and chords are continuous; "
-                "use a level with subcircuits of functions (behavioural, macro)"
+                f"{self}: jumps near {at[place]:.3g}, but polynomials and chords are "
+                "continuous; use a level with subcircuits of functions (behavioural, macro)"
             )
 
     def __str__(self) -> str:
@@ -259,9 +259,9 @@ def _fitted(
         return FittedQuotient(stretch=stretch)
     if best.error > tolerance:
         raise NetworkError(
-            f"{stretch}: a polynomial of {most_terms} terms is {best.error:.2g} off, the tolerance "
-            f"is {tolerance:g}; narrow the range, allow more terms or a larger error, or take "
-            "Breakpoints"
+            f"{stretch}: a polynomial of {most_terms} terms is {best.error:.2g} off, the "
+            f"tolerance is {tolerance:g}; narrow the range, allow more terms or a larger error, "
+            "or use Breakpoints"
         )
     return best
 

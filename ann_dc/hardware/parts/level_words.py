@@ -78,13 +78,13 @@ declare_words(Level, level_words, LevelWord.made)
 def _switched(network: Network | None, *, a0: float = 1e6, **op_amps: float) -> Level:
     if network is None:
         raise NetworkError(
-            "level: expected another than switched-capacitor, whose clock is taken from a network; "
-            "use ann_dc.levels.switched_capacitor(step=...)"
+            "level: switched-capacitor takes its clock from a network; use "
+            "ann_dc.levels.switched_capacitor(step=...)"
         )
     step = STEP * stability_limit(network, network.start_state)
     if not step > 0:
         raise NetworkError(
-            "level: expected another than switched-capacitor, whose clock is taken from the "
-            "stability limit at the start, where a mode of this network grows; take macro"
+            "level: switched-capacitor takes its clock from the stability limit at the start, "
+            "but a mode of this network is unstable there; use macro"
         )
     return switched_capacitor(step=step, a0=a0, **op_amps)

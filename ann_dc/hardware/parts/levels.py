@@ -102,14 +102,14 @@ class Level:
         if self.smallest_resistor is not None:
             require_positive(smallest_resistor=self.smallest_resistor)
         if not 0 <= (least := self.smallest_capacitor) < math.inf:
-            raise NetworkError(f"smallest_capacitor: expected farads not below 0, got {least!r}")
+            raise NetworkError(f"smallest_capacitor: expected farads of at least 0, got {least!r}")
         own, parts = transistor_sheet(self.area).parasitics, self.datasheet.parasitics
         check_parasitics(parts, own, self.models, self.technology, self.name)
         corner = self.conditions.process
         if not self.transistors and corner != NOMINAL.process:
             raise NetworkError(
-                f"process: {self.name} parts have no transistors and know no corner, got {corner!r}"
-                f"; take the level transistor, or {NOMINAL.process!r}"
+                f"process: {self.name} parts have no transistors and no process corners, got "
+                f"{corner!r}; take the level transistor, or {NOMINAL.process!r}"
             )
         if self.models != "macro":
             return

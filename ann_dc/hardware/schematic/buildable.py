@@ -33,14 +33,14 @@ def check_buildable(network: Network, level: Level, series: Series = EXACT) -> N
     check_preconditioner(network.preconditioner.kind, level)
     if series.mantissas and not level.technology.has_resistors:
         raise NetworkError(
-            f"series {series.name}: {level.name} circuits compute without resistors; take exact"
+            f"series {series.name}: {level.name} circuits have no resistors; use exact"
         )
     _check_limits(network, level)
     names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
     if names and level.technology.differential:
         raise NetworkError(
-            f"circuit: {names}: a neuron shared by all cells is not built at level {level.name}; "
-            "take behavioural, macro or transistor op amps"
+            f"circuit: {names}: a neuron shared by all cells is not supported at level "
+            f"{level.name}; use behavioural, macro or transistor op amps"
         )
 
 
@@ -54,7 +54,7 @@ def check_preconditioner(kind: contract.PreconditionerKind, level: Level) -> Non
         known = ", ".join(known.value for known in level.preconditioners)
         raise NetworkError(
             f"preconditioner: {level.name} circuits cannot build a {kind.value}; design the "
-            f"network with one of: {known}; or take a level of op amps with their poles"
+            f"network with one of: {known}; or use a level of op amps with their poles"
         )
 
 
@@ -64,15 +64,17 @@ def _check_limits(network: Network, level: Level) -> None:
         return
     if level.technology.differential or level.transistors:
         raise NetworkError(
-            f"circuit: rails of {names} are not built at level {level.name}; take a level of "
-            "single-ended op amps, ideal or macro models: 'behavioural' or 'macro'"
+            f"circuit: saturation limits of {names} are not supported at level {level.name}; "
+            "use a level of single-ended op amps, ideal or macro models: 'behavioural' or "
+            "'macro'"
         )
     if level.full_scale > HIGHEST:
         fit = [name for name in presets.names() if presets.get(name).full_scale <= HIGHEST]
         raise NetworkError(
-            f"full_scale: rails of {names} are built up to {HIGHEST:g} V, level {level.name} has "
-            f"{level.full_scale:g} V; take a full scale of {HIGHEST:g} V (ann-dc circuit "
-            f"--full-scale {HIGHEST:g}), or parts that have it: macro, {', '.join(fit)}"
+            f"full_scale: saturation limits of {names} are supported up to {HIGHEST:g} V, level "
+            f"{level.name} has {level.full_scale:g} V; use a full scale of {HIGHEST:g} V "
+            f"(ann-dc circuit --full-scale {HIGHEST:g}), or parts with that full scale: macro, "
+            f"{', '.join(fit)}"
         )
 
 

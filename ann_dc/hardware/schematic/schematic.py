@@ -262,17 +262,19 @@ def _check_limits(network: Network, fused: Container[str], *, differential: bool
     coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
     names = [n for n in limited_neurons(network) if differential or n in coupled or n in fused]
     if names:
-        why = "only an integrator of its own has some, no dual"
+        why = "only a separate integrator has limits, a dual neuron does not"
         if differential:
-            why = "differential parts have none"
+            why = "differential parts have no clamps"
         elif coupled:
             kind = network.preconditioner.kind.value
             why = (
-                f"a clamp holds one integrator, and the {kind} couples "
-                f"{', '.join(coupled)} to others; take the circuit of SpiceBackend.prepare, whose "
-                "network has rows in the place of such rails"
+                f"a clamp holds one integrator, and the {kind} couples {', '.join(coupled)} to "
+                "others; use the circuit of SpiceBackend.prepare, whose network replaces such "
+                "limits by inequalities"
             )
-        raise NetworkError(f"circuit: rails of {', '.join(names)} cannot be built: {why}")
+        raise NetworkError(
+            f"circuit: saturation limits of {', '.join(names)} cannot be built: {why}"
+        )
 
 
 def _shared_nodes(network: Network) -> frozenset[str]:

@@ -94,13 +94,13 @@ def check_clamps(circuit: Circuit, level: Level, least: float) -> None:
         cure = (
             f"take a margin of {-two_digits(-least):.3g} or more (--bandwidth-margin)"
             if math.isfinite(least)
-            else "take parts with more"
+            else "use parts with a larger output swing"
         )
         swing = op_amp_output_swing(level.datasheet, level.full_scale)
         raise NetworkError(
-            f"bandwidth_margin: {bandwidth_margin:.3g} is too small: neurons are pressed against "
-            f"their bounds harder than the op amps of clamps, with an output swing of "
-            f"{swing:.3g} V, can hold; {cure}"
+            f"bandwidth_margin: {bandwidth_margin:.3g} is too small: the control bounds are too "
+            f"strongly active for the op amps of the clamps with an output swing of {swing:.3g} "
+            f"V; {cure}"
         )
 
 
@@ -270,10 +270,11 @@ def check_following(circuit: Circuit, level: Level) -> None:
     if 2 * bandwidth_margin < wanted:
         kind = circuit.schematic.network.preconditioner.kind.value
         raise NetworkError(
-            f"bandwidth_margin: {bandwidth_margin:.3g} is too small: op amps of idle diode neurons "
-            f"would move the soft long waves of the {kind}; take a margin "
-            f"of {-two_digits(-wanted):.3g} (--bandwidth-margin), or design the network with "
-            "preconditioner=PreconditionerKind.CYCLIC_REDUCTION (--preconditioner cyclic-reduction)"
+            f"bandwidth_margin: {bandwidth_margin:.3g} is too small: op amps of inactive "
+            f"rectifying multiplier neurons would disturb the slow modes of the {kind}; use a "
+            f"margin of {-two_digits(-wanted):.3g} (--bandwidth-margin), or design the network "
+            "with preconditioner=PreconditionerKind.CYCLIC_REDUCTION (--preconditioner "
+            "cyclic-reduction)"
         )
 
 
@@ -288,8 +289,9 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
     least, farads = least_margin(circuit, level, x), level.datasheet.parasitics.ground
     if least <= circuit.scaling.bandwidth_margin:
         return (
-            f"exact parts would not ring from a margin of {_up(least)} on: take closer ones, or "
-            f"raise the margin above {circuit.scaling.bandwidth_margin:.3g}"
+            f"exact parts do not oscillate from a margin of {_up(least)}: use parts with "
+            "smaller tolerances, or raise the margin above "
+            f"{circuit.scaling.bandwidth_margin:.3g}"
         )
     means = [f"raise the margin to {_up(least)} or more"] if math.isfinite(least) else []
     if farads and (smaller := _of_resistors(circuit, level, x)):
@@ -297,7 +299,7 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
     if not means and circuit.conductances:
         means = _of_lag(circuit, level, x)
     what = "op amps with less capacitance" if farads else "faster op amps"
-    return ", or ".join(means) or f"no margin cures that; take {what}"
+    return ", or ".join(means) or f"no margin is sufficient; use {what}"
 
 
 def _of_lag(circuit: Circuit, level: Level, x: State) -> list[str]:
@@ -309,7 +311,7 @@ def _of_lag(circuit: Circuit, level: Level, x: State) -> list[str]:
     least = max(least_margin(faster, level, x), following_margin(circuit, level))
     if math.isinf(least):
         return []
-    return [f"take a node_lag a tenth as large with a margin of {_up(least)} or more"]
+    return [f"use a node_lag of one tenth with a margin of {_up(least)} or more"]
 
 
 def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:
@@ -322,7 +324,7 @@ def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:
     if math.isinf(least):
         return ""
     further = f" and a margin of {_up(least)} or more" * (least > circuit.scaling.bandwidth_margin)
-    return f"take a smallest_resistor of {ohms:.3g} ohm{further}"
+    return f"use a smallest_resistor of {ohms:.3g} ohm{further}"
 
 
 def _up(bandwidth_margin: float) -> str:
@@ -401,9 +403,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     level, begun = sizing.level, circuit.scaling.bandwidth_margin
     wanted = max(begun, sizing.holding_margin(circuit))
     if wanted > begun:
-        progress(
-            f"neurons are pressed against bounds: clamps hold from a margin of {wanted:.3g} on"
-        )
+        progress(f"control bounds are active: clamps need a margin of {wanted:.3g} on")
     wanted = max(wanted, following_margin(circuit, level))
     if level.smallest_resistor is None and level.smallest_capacitor:
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
@@ -443,9 +443,9 @@ def check_currents(circuit: Circuit, level: Level) -> None:
         return
     ohms = -two_digits(-circuit.inverter * load.amperes / (SHARE * limit))
     raise NetworkError(
-        f"smallest_resistor: with {circuit.inverter:.3g} ohm the op amp of {load} has to give "
+        f"smallest_resistor: with {circuit.inverter:.3g} ohm the op amp of {load} has to supply "
         f"{load.amperes:.3g} A, and its part gives {SHARE:.0%} of {limit:.3g} A undistorted; "
-        f"take {ohms:.3g} ohm or more, or a smaller full scale"
+        f"use {ohms:.3g} ohm or more, or a smaller full scale"
     )
 
 

@@ -76,11 +76,13 @@ class Multilevel(Preconditioner):
     def __post_init__(self) -> None:
         intervals = [len(gain) - 1 for gain in self.gains]
         if not intervals:
-            raise NetworkError("gains: no levels given; use Diagonal() for a network without any")
+            raise NetworkError(
+                "gains: expected one level or more, got none; use Diagonal() for none"
+            )
         halved = all(fine == 2 * coarse for fine, coarse in itertools.pairwise(intervals))
         if not halved or intervals[-1] < 1:
             raise NetworkError(
-                f"gains: each level needs half the intervals of the one before, got {intervals}"
+                f"gains: each level needs half the intervals of the finer level, got {intervals}"
             )
         for level, gain in enumerate(self.gains):
             if gain.shape[1:] != (self.chains, self.chains):
@@ -235,8 +237,8 @@ def _check_definite(level: int, gain: np.ndarray) -> None:
         found = "an unsymmetric one" if askew[point] else f"the eigenvalue {least[point]:.3g}"
         raise NetworkError(
             f"gains: level {level}, grid point {point} of 0 to {len(gain) - 1}: expected a "
-            f"symmetric matrix without negative eigenvalues, got {found}; give (S + S') / 2, and "
-            "zero for what is negative in its eigenvectors"
+            f"symmetric matrix without negative eigenvalues, got {found}; give (S + S') / 2, "
+            "with negative eigenvalues replaced by zero"
         )
 
 

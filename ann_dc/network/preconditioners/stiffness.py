@@ -43,8 +43,8 @@ class Stiffness(Preconditioner):
             raise NetworkError(f"own: expected an array (N, m, m), got shape {own.shape}")
         if following.shape != (len(own) - 1, *own.shape[1:]):
             raise NetworkError(
-                f"following: expected shape {(len(own) - 1, *own.shape[1:])}, one block a pair of "
-                f"neighbours, got {following.shape}"
+                f"following: expected shape {(len(own) - 1, *own.shape[1:])}, one block per "
+                f"pair of neighbours, got {following.shape}"
             )
         if not (np.isfinite(own).all() and np.isfinite(following).all()):
             raise NetworkError("own, following: a stiffness is not finite")

@@ -79,7 +79,7 @@ def _signed(axes: Axes, j: np.ndarray, B: np.ndarray, colour: str) -> None:
 
 def _key_of_signs(axes: Axes) -> None:
     axes.plot([], [], ".", color=INK, label="B < 0: some λ lowers Θ")
-    axes.plot([], [], "+", color=INK, label="B ≥ 0: none does")
+    axes.plot([], [], "+", color=INK, label="B ≥ 0: none")
 
 
 def definitions(curves: Sequence[Curves], *, title: str = "") -> Figure:
@@ -100,7 +100,7 @@ def definitions(curves: Sequence[Curves], *, title: str = "") -> Figure:
         change.plot(j, style.drawable(foretold), **line)
     did = np.diff(curves[0].theta)
     change.plot(j[:-1], style.drawable(did), ":", color=INK, lw=2.0, label="what Θ did")
-    bound.plot(j, curves[0].gain, "--", color=GREY, lw=1.2, label="λ that was taken")
+    bound.plot(j, curves[0].gain, "--", color=GREY, lw=1.2, label="applied λ")
     for axes, label in zip((a, b, bound, change), ("A", "B", "|B/A|", "ΔΘ = A λ² + B λ")):
         axes.set_ylabel(f"{label} (network units)")
         style.quiet(axes)
@@ -130,7 +130,7 @@ def following(
         errors.semilogy(j, rate * reported, ":", color=colour, lw=1.2, label=f"bound of |{name}|")
         quotients.plot(j, values / reported, color=colour, lw=1.5)
         quotients.axhline(rate, color=colour, lw=1.2, ls=":")
-    errors.set_ylabel("norm of an error (network units)")
+    errors.set_ylabel("error norm (network units)")
     quotients.set_ylabel("error / |e_t, e_beta| (1)")
     quotients.set_ylim(bottom=0)
     for axes in (errors, quotients):
@@ -143,7 +143,7 @@ def following(
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE)
 """Colours of the plans T_0, T_1, ..."""
-UNTOLD = "figures of the two levels: the run was not told the solution; pass settled="
+UNTOLD = "figures of the two levels need the solution; pass settled="
 
 
 def figure_6(found: Iterations) -> Figure:
@@ -167,7 +167,7 @@ def figure_6(found: Iterations) -> Figure:
             _curves(f"T_{m}", plans.run, own, m, colour)
             for m, colour in zip(range(len(plans.starts)), COLOURS)
         ]
-    columns["what settles: T_0"] = [
+    columns["settling at T_0"] = [
         _curves(f"two gains (λ of t): {_needed(found.gradient)}", found.gradient, None, 0, SKY),
         _curves(f"Newton's method: {_needed(found.newton)}", found.newton, None, 0, PURPLE),
     ]
@@ -205,7 +205,7 @@ def figure_of_definitions(found: Iterations) -> Figure:
     return definitions(
         [
             _curves("corrected", run, _known(run), 0, BLUE),
-            _curves("as (20), (21) print them", run, run.printed_lyapunov, 0, VERMILION),
+            _curves("as printed in (20), (21)", run, run.printed_lyapunov, 0, VERMILION),
         ],
         title="A and B of (21), T_0 with one fixed gain for t and beta, started near the solution",
     )

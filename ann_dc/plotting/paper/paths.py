@@ -177,8 +177,8 @@ def _control_labels(problem: OptimalControlProblem) -> list[str]:
 
 # ---- without obstacles
 
-HOLDS, PRINTED = "what holds", "what the printed equations give"
-LED = "where its controls lead"
+HOLDS, PRINTED = "corrected equations", "printed equations"
+LED = "simulation with its controls"
 FADING = (SKY, ORANGE, GREY)
 REACH = 1.6
 """Limit of x and y, relative to the largest target component, up to which a diverging run is drawn.
@@ -317,10 +317,10 @@ def run_away(solution: Solution, count: int = 3) -> dict[str, Piece]:
 COLUMNS = 3
 """Panels of a case: as printed, with segments (legs), with discs."""
 FREE = "T_0, planned without obstacles"
-PLANNED = "T_0, T_1, ... as far as they are driven (IV.C)"
-LEAP = "to q_obs + delta: printed without a plan"
-SEGMENT = "legs to q_obs + delta, planned too"
-DRIVEN = "plans and legs, as they are driven"
+PLANNED = "T_0, T_1, ... (executed parts, IV.C)"
+LEAP = "to q_obs + delta (printed without a plan)"
+SEGMENT = "segments to q_obs + delta, planned"
+DRIVEN = "executed plans and segments"
 CONSTRAINED = "one network, obstacles as constraints"
 
 
@@ -343,8 +343,9 @@ def figure_4(cases: Sequence[Around]) -> Figure:
         start=(x_0, y_0),
         target=(x_d, y_d),
         unit=problem.unit("x"),
-        title=f"Figure 4. Paths among obstacles of radius {RADIUS:g} m; room: from a segment to an "
-        f"edge; constraints keep nodes and points between them {APART:g} m from centres",
+        title=f"Figure 4. Paths among obstacles of radius {RADIUS:g} m; clearance: distance "
+        "from a segment to an edge; constraints keep nodes and intermediate points "
+        f"{APART:g} m from centres",
         columns=COLUMNS,
     )
 
@@ -372,10 +373,10 @@ def _panels(case: Around, drawn: Sequence[Sequence[Drawn]]) -> list[Panel]:
     """Return the panels of a case: as printed, with segments, with discs."""
     name, certificate = case.plans.case.name, case.discs.certificate
     reported = "certified" if case.discs.certified else "not certified"
-    segments, constrained = (f"room {case.room(way):.3f} m" for way in case.ways.values())
+    segments, constrained = (f"clearance {case.room(way):.3f} m" for way in case.ways.values())
     headings = (
-        f"{name}, as printed\n{case.leap:.2f} m of the way in no plan",
-        f"{name}, segments planned too\n{segments}",
+        f"{name}, as printed\n{case.leap:.2f} m of the path without a plan",
+        f"{name}, segments planned\n{segments}",
         f"{name}, as constraints\n{constrained}, E = {certificate.objective:.2f}, {reported}",
     )
     discs = [Disc(x=float(x), y=float(y), radius=RADIUS) for x, y in obstacles(case.plans)]

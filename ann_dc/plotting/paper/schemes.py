@@ -91,7 +91,7 @@ def figure_2(problem: OptimalControlProblem) -> Figure:
         before = "k-1" if into == "k" else str(last - 1)
         axes.text(place + 2.7, 0.1, f"$q_{{{into}}} = t_{{{before}}}$", ha="center", va="top")
     arrow(axes, (COLUMNS[-1] + 2.0, 0.4), (COLUMNS[-1] + 2.9, 0.4), INK)
-    end = "$q_d$" if any(problem.fixed) else "free end"
+    end = "$q_d$" if any(problem.fixed) else "free terminal state"
     axes.text(COLUMNS[-1] + 2.95, 0.4, f"$t_{{{last}}}$ = {end}", va="center")
     axes.set_xlim(-2.4, COLUMNS[-1] + 4.6)
     axes.set_ylim(-0.6, 2.0)
@@ -134,7 +134,7 @@ def figure_3(problem: OptimalControlProblem) -> Figure:
     for place in COLUMNS[:-1]:
         axes.text(place + 2.7, 0.4, "...", ha="center", va="center", fontsize=14)
     axes.text(
-        width / 2, -0.3, "lower level: every stage solves (11)-(13) by itself, (16)", ha="center",
+        width / 2, -0.3, "lower level: every stage solves (11)-(13) separately, (16)", ha="center",
         va="top",
     )  # fmt: skip
     axes.set_xlim(-1.0, width + 1.0)

@@ -68,9 +68,9 @@ def _candidates(found: Findings) -> Iterator[Candidate]:
     for place, metric in enumerate(metrics):
         worth = (found.limit_of(metric) is not None) + 1 / (2 + place)
         draw = partial(distribution, found, metric)
-        yield Candidate("spread", f"{metric.name} by itself", worth, draw)
+        yield Candidate("spread", f"distribution of {metric.name}", worth, draw)
     for pair in found.predictions:
-        title = f"{pair.predicted.name} beside {pair.measured.name}"
+        title = f"{pair.predicted.name} against {pair.measured.name}"
         yield Candidate("beside", title, 3.0, partial(beside, found, pair))
     for number, figure in enumerate(over_time(found)):
         yield Candidate("time", figure.title, 1 / (1 + number), lambda figure=figure: figure)

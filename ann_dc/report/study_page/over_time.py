@@ -121,7 +121,7 @@ def _figure(name: str, categories: list[Category]) -> Figure:
         title=f"{name} over time",
         says=f"Curves of {len(curves)} of the points that keep any."
         + " Thick: median by category." * has_medians
-        + " No median where curves form two clusters." * clustered,
+        + " No median if curves form two clusters." * clustered,
         traces=traces,
         layout={"xaxis": plain_axis("network time"), "yaxis": plain_axis(shown(name), **height)},
     )

@@ -55,7 +55,7 @@ def write_study_page(
     `JinjaMissing` if a package is not installed.
     """
     _check_packages()
-    progress("reading the store")
+    progress("reading the database")
     found = Findings.of(store)
     write_whole(path, page_of(found, progress=progress).encode("utf-8"))
 
@@ -86,9 +86,9 @@ def page_of(found: Findings, *, progress: Progress = silent) -> str:
     _check_packages()
     from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
-    progress("drawing the figures")
+    progress("figures")
     figures, left_out = chosen(found)
-    progress("writing the table")
+    progress("table")
     scripts = [
         _as_read(text) for text in (get_plotlyjs(), _asset("table.js"), _asset("figures.js"))
     ]

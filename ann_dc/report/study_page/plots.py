@@ -78,7 +78,7 @@ def _lines(
             lines += _band(quantiles, part.label, dash)
             said["Line: median; band: 5 to 95 %"] = None
             if quantiles.clustered.any():
-                said["No median where points form two clusters"] = None
+                said["No median if points form two clusters"] = None
         elif part.is_whole and len(part.rows) == len(x.distinct):
             order = np.argsort(x.values)
             lines.append(_line(x.values[order], y.values[order], part.label, dash))
@@ -270,7 +270,7 @@ def distribution(found: Findings, metric: Column) -> Figure:
     traces = [
         _bars(edges, counts / len(values)),
         {
-            "type": "scatter", "mode": "lines", "name": "share up to here",
+            "type": "scatter", "mode": "lines", "name": "cumulative fraction",
             "x": listed(values[ranks]), "y": listed((ranks + 1) / len(values)), "yaxis": "y2",
             "line": {"color": "#111", "width": 2, "shape": "hv"},
             "hovertemplate": "%{y:.2%} up to %{x}<extra></extra>",
@@ -280,15 +280,15 @@ def distribution(found: Findings, metric: Column) -> Figure:
     ends = "5 % {:.4g}, median {:.4g}, 95 % {:.4g}".format(*middle)
     layout = {
         "xaxis": axis(metric),
-        "yaxis": plain_axis("share of points", rangemode="tozero", tickformat=".1~%"),
+        "yaxis": plain_axis("fraction of points", rangemode="tozero", tickformat=".1~%"),
         "yaxis2": plain_axis(
-            "share up to here", overlaying="y", side="right", range=[0, 1.02], showgrid=False,
+            "cumulative fraction", overlaying="y", side="right", range=[0, 1.02], showgrid=False,
             tickmode="linear", dtick=0.2, tickformat=".0%",
         ),
         "shapes": limit_lines(limit, "x"),
     }  # fmt: skip
     says = reported(len(values), len(values), ends, limit=limit)
-    return Figure(title=f"How {metric.name} spreads", says=says, traces=traces, layout=layout)
+    return Figure(title=f"Distribution of {metric.name}", says=says, traces=traces, layout=layout)
 
 
 def _bars(edges: np.ndarray, shares: np.ndarray) -> dict[str, Any]:
@@ -296,7 +296,7 @@ def _bars(edges: np.ndarray, shares: np.ndarray) -> dict[str, Any]:
     x = np.repeat(edges, 2)
     y = np.concatenate([[0], np.repeat(shares, 2), [0]])
     return {
-        "type": "scatter", "mode": "lines", "name": "share of points", "x": listed(x, 7),
+        "type": "scatter", "mode": "lines", "name": "fraction of points", "x": listed(x, 7),
         "y": listed(y), "fill": "tozeroy", "fillcolor": "#0072b255",
         "line": {"color": BLUE, "width": 1}, "hovertemplate": "%{y:.2%} near %{x}<extra></extra>",
     }  # fmt: skip
@@ -326,7 +326,7 @@ def beside(found: Findings, pair: Prediction) -> Figure:
     kind = {"type": "log" if measured.is_wide and predicted.is_wide else "linear"}
     median, high = np.quantile(off, (0.5, 0.95)) if len(off) else (np.nan, np.nan)
     return Figure(
-        title=f"{predicted.name} beside {measured.name}",
+        title=f"{predicted.name} against {measured.name}",
         says=reported(
             len(known), len(some),
             f"Errors of the prediction: median {percent(median)}, 95 % below {percent(high)}",

@@ -100,7 +100,7 @@ def yields(found: Findings) -> Iterator[Row]:
     """Yield the yields with their intervals."""
     for name, one in found.yields:
         interval = " to ".join(percent(end, 2) for end in one.interval)
-        ends = "none: nothing drawn" if one.draws == 0 else interval
+        ends = "none: no random settings" if one.draws == 0 else interval
         yield name, one.passed, one.count, percent(one.share, 2), ends
 
 

@@ -133,7 +133,7 @@ def spot_check(
         metrics=["control_error", "seconds"],
         samples=samples,
         seed=seed,
-        title="boards in ngspice beside their emulation",
+        title="boards in ngspice and by emulation",
     )
 
 

@@ -42,7 +42,7 @@ def settling_by_spectrum(sample: Sample) -> float:
     return math.log(1 / tolerance) * sample.equilibrium_spectrum.stiffness_ratio
 
 
-BY_SPECTRUM = metric_of(settling_by_spectrum, "fastest time constants")
+BY_SPECTRUM = metric_of(settling_by_spectrum, "tau_min")
 
 
 def settling_against_gains(
@@ -187,7 +187,9 @@ def settling_against_horizon(
     """
     problem = subject_of(subject).problem
     if problem is None:
-        raise StudyError("subject: a network has the stages that it has; give the problem")
+        raise StudyError(
+            "subject: expected a problem (the stages of a network are fixed), got a network"
+        )
     if not isinstance(problem.dt, float) or problem.map is not None:
         raise StudyError(
             f"subject: {problem.name} has no fixed dt that can be shortened; declare it with "

@@ -157,7 +157,7 @@ def test_numbers_go_with_inputs_and_starts():
     alone = backend.run_batch(own, targets)
     np.testing.assert_allclose(batch.states, alone.states, atol=1e-7 * np.abs(alone.states).max())
     np.testing.assert_array_equal(batch.network_of(-1).inputs["q_d.x"], 1.5)
-    with pytest.raises(NetworkError, match="numbers: sizes of the batch do not agree"):
+    with pytest.raises(NetworkError, match="numbers: sizes of the batch differ"):
         backend.run_batch(network, targets, numbers=numbers_of([network, own]))
 
 

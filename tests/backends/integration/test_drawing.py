@@ -288,7 +288,7 @@ def test_trajectory_of_a_copy_has_its_rows_only():
     trajectory, _ = run_of("oscillator", "generated")
     again = pickle.loads(pickle.dumps(trajectory))
     np.testing.assert_array_equal(again.states, trajectory.states)
-    with pytest.raises(NetworkError, match="only rows are known"):
+    with pytest.raises(NetworkError, match="has samples only"):
         again.at([0.0])
     with pytest.raises(NetworkError, match="expected times"):
         trajectory.at([-1.0])

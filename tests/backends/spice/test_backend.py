@@ -222,7 +222,7 @@ def test_what_the_seed_draws_comes_on_top_of_what_the_series_does():
     "level", [ota_c(), switched_capacitor(step=0.1)], ids=lambda level: level.name
 )
 def test_a_level_without_resistors_takes_no_series(level):
-    with pytest.raises(NetworkError, match=r"series E12: .* circuits compute without resistors"):
+    with pytest.raises(NetworkError, match=r"series E12: .* circuits have no resistors"):
         SpiceBackend(level=level, series=E12).prepare(neighbour_wired("double_integrator"))
 
 

@@ -52,7 +52,7 @@ def test_the_error_falls_as_the_bandwidth_margin_rises():
 
 
 def test_without_a_duration_an_oscillator_has_no_circuit():
-    with pytest.raises(NetworkError, match=r"settle to be scaled; .* give the duration of its run"):
+    with pytest.raises(NetworkError, match=r"settle for scaling; .* set the duration of its run"):
         ann_dc.SpiceBackend().prepare(van_der_pol())
 
 

@@ -146,7 +146,7 @@ def test_tightest_node_is_the_one_that_the_overloads_name():
         run = read_back(circuit, deck, raw, probe)
         assert run.fullest == f"m.x at {top:.0%}"
         assert len(run.overloads) == overloads
-        assert all("without rails it does not clip" in str(node) for node in run.overloads)
+        assert all("the model does not clip" in str(node) for node in run.overloads)
 
 
 # ---- size ----------------------------------------------------------------------------------------

@@ -118,7 +118,7 @@ def test_a_run_that_did_not_settle_stays_as_it_is():
     coarse, _ = fine("river")
     moving = replace(coarse, trajectory=replace(coarse.trajectory, states=-_ramp(coarse)))
     assert refined(moving, BACKEND.simulator, BACKEND.level.datasheet) is moving
-    assert moving.unsettled.startswith("its controls still move")
+    assert moving.unsettled.startswith("the controls still change")
 
 
 @needs_ngspice

@@ -69,7 +69,7 @@ def test_beyond_twenty_times_the_network_it_is_cut_and_the_deck_says_so(monkeypa
     monkeypatch.setattr("ann_dc.backends.spice.probe._slowest", lambda *_: 10 * short.time[-1])
     span = span_of(circuit, macro(), short)
     assert span.duration == pytest.approx(20 * short.time[-1])
-    assert "its slowest pole asks for a run" in span.cut
+    assert "the slowest pole requires a run" in span.cut
     deck = SpiceBackend(level=macro()).deck(circuit, short, {})
     assert deck.cut == span.cut
     assert f"* {span.cut}\n" in deck.text

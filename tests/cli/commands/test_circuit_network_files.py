@@ -107,7 +107,7 @@ def test_inputs_over_time_have_no_prediction(tmp_path, damped):
     found = strict(tmp_path / "a.json")
     assert found["predicted"] is None
     assert math.sqrt(found["measured"]["mean_square_error"]) < 1e-3
-    refused(["circuit", damped, *load], "give the duration of the run")
+    refused(["circuit", damped, *load], "set the duration of the run")
 
 
 def test_network_is_predicted_without_ngspice(damped, oscillator):
@@ -117,14 +117,14 @@ def test_network_is_predicted_without_ngspice(damped, oscillator):
     code, text = run("circuit", oscillator, "--no-simulate", "--duration", 5)
     assert code == 0, text
     assert "not simulated" in text
-    assert "off the ODE's" in text
+    assert "against the ODE" in text
 
 
 def test_bad_options_of_a_network_are_refused_by_name(damped, oscillator):
     refused(["circuit", oscillator], "duration=T or --duration T")
     refused(["circuit", oscillator, "--duration", 0], "--duration: expected a positive")
-    refused(["circuit", damped, "-N", 3], "a network stays as it was designed")
-    refused(["circuit", damped, "--preconditioner", "diagonal"], "leave out --set")
+    refused(["circuit", damped, "-N", 3], "a stored network cannot be changed")
+    refused(["circuit", damped, "--preconditioner", "diagonal"], "omit --set")
     refused(["circuit", damped, "--input", "force=1"], "'force' does not exist")
     refused(["circuit", damped, "--corners", "--duration", 3], "--duration: corners, yields")
     words = ["circuit", oscillator, "--duration", 3, "--no-simulate"]

@@ -40,7 +40,7 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     for case in data["around"].values():
         assert case["discs_certified"]
         assert all(case["legs_certified"])
-        for way in ("with legs", "discs"):
+        for way in ("with segments", "discs"):
             assert case[way]["room"] > 0
             assert case[way]["rollout_error"] < 1e-6
 

@@ -72,7 +72,7 @@ def test_converters_of_one_circuit_of_drawn_parts(tmp_path):
 def test_a_spec_that_no_circuit_keeps_tells_the_closest():
     code, text = run(*QUICK, "--yield", "error<1e-9", "--samples", "3")
     assert code == 1
-    assert "no circuit keeps the spec; seed" in text
+    assert "no circuit meets the specification; seed" in text
 
 
 @pytest.mark.slow
@@ -85,14 +85,14 @@ def test_trims_are_steps_with_readings(tmp_path):
     assert strict(file)["trimming"]["steps"] == []
     code, text = run(*QUICK, "--trim", "error<0.01%", "--samples", "2")
     assert code == 1
-    assert "buy better resistors" in text
+    assert "use better resistors" in text
 
 
 def test_converters_have_a_cost(tmp_path):
     file = tmp_path / "interface.json"
     code, text = run(*QUICK, "--dac", "12", "--adc", "10", "--json", file)
     assert code == 0
-    assert "no source presets them" in text
+    assert "without preset sources" in text
     found = strict(file)["interface"]
     assert found["interface"]["dac_bits"] == 12
     assert found["solve_time"] == pytest.approx(found["settling_time"] + 2e-6)
@@ -113,7 +113,7 @@ def test_corners_tell_what_tolerances_add_to_their_verdict():
 def test_corners_without_a_spread_recommend_only_what_there_is():
     place = "--corners", "--temperature", "27", "--supply", "1"
     _, text = run(*QUICK, "--level", "behavioural", *place)
-    assert "no spread is known" in text
+    assert "the spread is unknown" in text
     assert "--yield" not in text
 
 
@@ -134,11 +134,11 @@ def test_several_questions_are_answered_together():
         (["--trim", "error<1%", "--loops", "1"], "--loops: belongs to one circuit"),
         (["--adc", "8", "--no-simulate"], "--no-simulate: belongs to one circuit"),
         (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
-        (["--trim", "settle<5us"], "--trim: makes controls right, not quick"),
+        (["--trim", "settle<5us"], "--trim: expected an error limit"),
         (["--trim", "everything"], "--trim: expected terms"),
         (["--dac", "0"], "--dac"),
         (["--yield", "error<1%", "--samples", "0"], "--samples"),
-        (["--simulate-samples", "3"], "--simulate-samples: needs drawn circuits"),
+        (["--simulate-samples", "3"], "--simulate-samples: needs --yield"),
     ],
 )
 def test_questions_without_an_answer_are_refused(words, meaning):
@@ -157,7 +157,7 @@ def test_drawn_circuits_in_ngspice_need_one_before_the_design(tmp_path, monkeypa
 @pytest.mark.parametrize(
     ("words", "reported"),
     [
-        (["--corners", "--temperature", "27", "--supply", "1"], "its settled point repels"),
+        (["--corners", "--temperature", "27", "--supply", "1"], "its equilibrium is unstable"),
         (["--yield", "error<20%", "--samples", "2"], "none of the circuits settles"),
         (["--yield", "stable", "--samples", "2"], "none of the circuits settles"),
         (["--dac", "12", "--adc", "12"], "the circuit oscillates"),

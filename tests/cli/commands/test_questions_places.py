@@ -11,7 +11,7 @@ def test_corners_are_a_table_and_a_file(tmp_path):
     code, text = run(*QUICK, "--corners", "--temperature", "27,85", "--json", file)
     assert code == 0
     assert "supply" in text
-    assert "no drift of these parts is known" in text
+    assert "the drift of these parts is unknown" in text
     found = strict(file)["corners"]
     assert [corner["conditions"]["temperature"] for corner in found] == [27.0] * 3 + [85.0] * 3
     assert all(corner["within_tolerance"] for corner in found)
@@ -23,7 +23,7 @@ def test_presets_drift(tmp_path):
     level = ["--level", "opa192_ad734"]
     code, text = run(*QUICK, *level, "--corners", "--temperature=27,-40,125", "--json", file)
     assert code == 0
-    assert "of multipliers no drift is known" in text
+    assert "of multipliers is unknown" in text
     room, cold, hot = (corner["spread"] for corner in strict(file)["corners"][1::3])
     assert room < cold < hot
 
@@ -42,7 +42,7 @@ def test_one_circuit_stands_where_it_is_put():
         (["--temperature", "20,30"], "expected one value without --corners"),
         (["--supply", "3"], "supply: expected 0.5 to 1.5"),
         (["--process", "xx"], "expected one of tt, ss, ff, sf, fs"),
-        (["--process", "ss"], "know no corner"),
+        (["--process", "ss"], "no process corners"),
     ],
 )
 def test_places_that_do_not_exist_are_refused(words, meaning):

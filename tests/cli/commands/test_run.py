@@ -68,18 +68,18 @@ def test_oscillator_runs_for_its_duration_and_writes_files(tmp_path, van_der_pol
         assert table["time"][-1] == pytest.approx(4 * PERIOD * seconds, rel=1e-6)
         assert table["x"][-1, 0] == pytest.approx(found["neurons"]["x[0]"]["end"])
     if level:
-        assert "off the ODE's waveforms" in text
+        assert "against the ODE" in text
         assert math.sqrt(found["mean_square_error"]) < 1e-3
 
 
 def test_oscillator_without_duration_is_told_to_give_one(van_der_pol):
     code, text = run("run", van_der_pol)
     assert code == 1
-    assert "give --duration T" in text
+    assert "add --duration T" in text
     refused(["run", van_der_pol, "--level", "macro"], "--duration T")
     refused(["export", van_der_pol, "--to", "pack"], "--duration T")
     words = ["--duration", 1, "--level", "switched-capacitor"]
-    refused(["run", van_der_pol, *words], "where a mode of this network grows; take macro")
+    refused(["run", van_der_pol, *words], "but a mode of this network is unstable there; use macro")
 
 
 def test_oscillator_is_exported_for_a_duration(tmp_path, van_der_pol):
@@ -129,7 +129,7 @@ BAD = {
     "duration": (["--duration", "-1"], "--duration: expected a positive"),
     "method": (["--method", "Euler"], "--method 'Euler' does not exist; choose one of: "),
     "level": (["--level", "wood"], "--level 'wood' does not exist"),
-    "method of a circuit": (["--level", "macro", "--method", "RK45"], "integrates the ODE"),
+    "method of a circuit": (["--level", "macro", "--method", "RK45"], "applies to the ODE"),
     "gbw of the ODE": (["--gbw", "1e6"], "--gbw: belongs to a circuit; add --level macro"),
     "margin": (["--bandwidth-margin", "0", "--level", "macro"], "bandwidth_margin"),
     "input": (["--input", "force=1"], "'force' does not exist"),

@@ -39,7 +39,7 @@ def test_show_options(options, there, not_there):
 
 BAD = {
     "no saved solution": (["show", ROOT / "tests"], "SHA256SUMS' does not exist"),
-    "a saved solution changed": (["show", ROOT / "tests", "-N", "5"], "stays as it was solved"),
+    "a saved solution changed": (["show", ROOT / "tests", "-N", "5"], "cannot be changed"),
     "unknown plant to show": (["show", "unicicle"], "did you mean unicycle"),
     "no scale": (["show", "car", "--set", "scale.x=0"], "scales[x]: expected a positive finite"),
     "word as scale": (["show", "car", "--set", "scale.x=far"], "scale.x: expected a finite number"),

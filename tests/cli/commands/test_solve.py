@@ -194,7 +194,7 @@ def test_solve_overwrite_replaces_a_saved_solution_only(tmp_path):
     saved = tmp_path / "saved"
     words = ["solve", *SMALL, "--quiet", "--save", saved]
     assert run(*words) == (0, "")
-    refused(words, "give overwrite=True or --overwrite")
+    refused(words, "use overwrite=True or --overwrite")
     (saved / "note.txt").write_text("mine")
     assert run(*words, "--q-d", "2,0", "--overwrite") == (0, "")
     assert ann_dc.load_solution(saved)["x"][-1] == pytest.approx(2)

@@ -71,7 +71,7 @@ def test_bad_input_is_told(file, tmp_path):
     refused(["study", tmp_path / "none.toml", "--output", tmp_path], "none.toml")
     refused(["study", file, "--point", "8"], "there are 8 points")
     refused(["study", tmp_path, "--point", "1"], "study.sqlite")
-    refused(["study", file, "--point", "1", "--csv", tmp_path / "a.csv"], "leave out --point")
+    refused(["study", file, "--point", "1", "--csv", tmp_path / "a.csv"], "omit --point")
     refused(["study", "kar", "--list-settings"], "did you mean car")
     run("study", file, "--output", tmp_path / "out", "--workers", "0")
     file.write_text(STUDY.replace("0.02", "0.03"), encoding="utf-8")

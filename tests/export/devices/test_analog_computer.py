@@ -243,7 +243,7 @@ def test_one_changed_bit_is_refused(files):
     text = files["analog_computer.json"].decode()
     value = repr(circuit_of(files)["matrix"][5][2])
     other = repr(float(np.nextafter(float(value), 2)))
-    with pytest.raises(FileFormatError, match="it was changed"):
+    with pytest.raises(FileFormatError, match="the file was changed"):
         analog_computer_check(
             {**files, "analog_computer.json": text.replace(value, other).encode()}
         )
@@ -276,7 +276,7 @@ def rehashed(files, change) -> dict[str, bytes]:
         (lambda c: c["elements"].append(
             {"kind": "product", "name": "p", "scale": 1.0, "reads": [0, 10**7]}
         ), "IndexError"),
-        (lambda c: c["places"].pop(), "one an integrator"),
+        (lambda c: c["places"].pop(), "one per integrator"),
         (lambda c: c["places"].__setitem__(0, [[0, -1]]), "places in arrays of shape"),
         (lambda c: c.update(time_scale=0.0), "time_scale"),
         (lambda c: c.update(elements=[], matrix=[], count={}), "run|one an integrator"),

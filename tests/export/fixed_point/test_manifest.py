@@ -53,7 +53,7 @@ def test_one_bit_of_any_file_is_found(files, seed):
 
 def test_weights_of_another_network_are_refused(files):
     other = c99_files(*walked("car"), bits=16)
-    with pytest.raises(FileFormatError, match="another one"):
+    with pytest.raises(FileFormatError, match="differs from the network"):
         c99_check({**files, "reference_vector.json": other["reference_vector.json"]})
     with pytest.raises(FileFormatError):
         c99_check({**files, NAME: other[NAME]})

@@ -144,11 +144,11 @@ def test_what_words_are_worth_is_written_down():
     assert table["ranges"] == {"q_d.x": [0.5, 40.0]}
     assert table["measured"]["right"] == 256
     alone = c99_files(*walked("double_integrator"), bits=16)
-    assert "the network's own inputs alone" in c99_check(alone)
-    assert "settle right" not in c99_check(alone)
+    assert "the network only" in c99_check(alone)
+    assert "settle at the optimum" not in c99_check(alone)
     table = json.loads(alone["fixed_point.json"])
     assert set(table["measured"].values()) == {0}
-    assert str(Measured(**table["measured"])) == "no inputs were held out"
+    assert str(Measured(**table["measured"])) == "no held-out inputs"
 
 
 def unsettled(sample: sampling.Sample, lanes: slice) -> sampling.Sample:
@@ -239,7 +239,7 @@ def test_words_that_settle_fewer_inputs_than_float64_are_refused(monkeypatch, bi
         return run._replace(settled=run.settled & kept)
 
     monkeypatch.setattr(Integers, "settle", sparse)
-    with pytest.raises(ExportError, match="settle right") as refusal:
+    with pytest.raises(ExportError, match="settle at the optimum") as refusal:
         fixed_point(*walked("double_integrator"), bits=bits, over=OVER)
     assert ", 0 wrong, 0 unconfirmed, " in str(refusal.value)
     assert "as many right as in float64 less 2%" in str(refusal.value)

@@ -113,7 +113,7 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
     vector = reference_vector(network)
     assert ann_dc.OdeBackend().run(network).status.settled
     with pytest.warns(
-        UserWarning, match="may settle to a wrong point: .* its transient .*MULTILEVEL"
+        UserWarning, match="may settle at another equilibrium: .* its transient .*MULTILEVEL"
     ):
         files = pack_files(network, vector, level="macro")
     assert b"WARNING: it may settle to a wrong point" in files["README.md"]
@@ -126,7 +126,7 @@ def test_a_circuit_that_would_ring_gets_the_margin_that_it_asks_for():
     backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro())
     circuit, probe = backend.prepare(network)
     assert not predict(circuit, backend.level, probe).stable
-    with pytest.warns(UserWarning, match="may settle to a wrong point"):
+    with pytest.warns(UserWarning, match="may settle at another equilibrium"):
         assert pack_files(network, reference_vector(network), level="macro")
 
 
@@ -186,7 +186,7 @@ def test_parts_that_settle_at_their_rails_are_doubted(small, monkeypatch):
     for module in ("export.netlists.build", "fidelity.prediction"):
         name = f"ann_dc.{module}.clipped_at"
         monkeypatch.setattr(name, lambda emulation, x: np.arange(len(x)) == 0)
-    with pytest.warns(UserWarning, match="parts of the settled circuit stand at their rails"):
+    with pytest.warns(UserWarning, match="parts of the settled circuit are at their output limits"):
         files = pack_files(*small, level="macro", series="E24-pairs")
     assert b"WARNING: parts of the settled circuit" in files["README.md"]
 

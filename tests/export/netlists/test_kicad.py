@@ -147,7 +147,7 @@ def test_pairs_are_two_resistors_in_series(small):
 
 def test_a_level_without_parts_is_refused(small):
     for level in ("behavioural", "transistor", "ota-c"):
-        with pytest.raises(ExportError, match="has no parts that can be bought; take macro"):
+        with pytest.raises(ExportError, match="has no commercial parts; use macro"):
             kicad_files(*small, level=level)
 
 

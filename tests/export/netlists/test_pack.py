@@ -116,12 +116,12 @@ def test_the_bill_counts_what_the_deck_has(car):
 def test_the_scaling_sheet_takes_volts_back(car):
     """Expected volts and user's values agree through it."""
     files = pack_files(*car, level="macro")
-    sheet = {r["stands for"]: r for r in csv.DictReader(io.StringIO(files["scaling.csv"].decode()))}
+    sheet = {r["quantity"]: r for r in csv.DictReader(io.StringIO(files["scaling.csv"].decode()))}
     for row in csv.DictReader(io.StringIO(files["expected_controls.csv"].decode())):
         scale = sheet[row["control"]]
-        value = float(scale["offset"]) + float(scale["user unit a volt"]) * float(row["volts"])
+        value = float(scale["offset"]) + float(scale["user unit per volt"]) * float(row["volts"])
         assert value == pytest.approx(float(row["expected"]), rel=1e-7)
-        product = float(scale["user unit a volt"]) * float(scale["volts a user unit"])
+        product = float(scale["user unit per volt"]) * float(scale["volts per user unit"])
         assert product == pytest.approx(1.0)
 
 
@@ -160,7 +160,7 @@ def test_what_cannot_be_built_is_refused_by_name(car, small):
         pack_files(*small, level="wood")
     with pytest.raises(UnknownNameError, match="series 'E7'"):
         pack_files(*small, series="E7")
-    with pytest.raises(ExportError, match="compute without resistors"):
+    with pytest.raises(ExportError, match="have no resistors"):
         pack_files(*small, level="ota-c", series="E24")
     with pytest.raises(ExportError, match="another network's than"):
         pack_files(small[0], car[1])

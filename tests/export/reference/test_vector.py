@@ -51,7 +51,7 @@ def test_json_keeps_every_bit(vector):
 
 def test_another_walk_is_refused(network, vector):
     other = reference_vector(network.with_inputs({"q_d.x": 4.0}))
-    with pytest.raises(FileFormatError, match="not the network that was exported"):
+    with pytest.raises(FileFormatError, match="differs from the exported one"):
         vector.check(lambda start, count: other.early[count])
 
 

@@ -269,13 +269,13 @@ def chunk_that_grows(file, folder):
     ("change", "said"),
     [
         (large_table, "does not fit the network"),
-        (numbers_of_another_file, "lie in another file"),
+        (numbers_of_another_file, "are in another file"),
         (link_to_another_file, "is a link"),
-        (link_to_itself, "is in no exported network"),
-        (virtual_table, "lie in another file"),
+        (link_to_itself, "does not occur in an exported network"),
+        (virtual_table, "are in another file"),
         (long_words, "does not fit the network"),
-        (packed_otherwise, "packed in a way of its own"),
-        (chunk_that_grows, "unpacks to more than it has"),
+        (packed_otherwise, "an unsupported compression"),
+        (chunk_that_grows, "unpacks to more than its size"),
     ],
 )
 def test_what_is_in_no_graph_of_ours_is_not_read(change, said, tmp_path):

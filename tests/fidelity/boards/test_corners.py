@@ -102,7 +102,7 @@ def test_what_is_not_known_of_a_corner_is_told(network, monkeypatch):
     assert "more than 10" in corner.remark
 
 
-@pytest.mark.parametrize("why", ["its run is too short to tell", "its controls still move"])
+@pytest.mark.parametrize("why", ["the run is too short to decide", "the controls still change"])
 def test_a_corner_whose_run_does_not_tell_is_none(network, monkeypatch, why):
     run = SimpleNamespace(unsettled=why, settled=lambda: True, overloads=(), control_error=1e-4)
     module = sys.modules[corners.__module__]

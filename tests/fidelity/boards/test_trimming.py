@@ -99,7 +99,9 @@ def test_a_coarse_reading_leaves_more():
 def test_what_is_less_than_the_noise_is_not_trimmed_for():
     backend, circuit, probe = built("double_integrator", GOOD)
     noise = control_noise(CircuitInstance(circuit=circuit, level=backend.level, probe=probe))
-    with pytest.raises(NetworkError, match=r"trimming: noise of .* no trim brings them below"):
+    with pytest.raises(
+        NetworkError, match=r"trimming: noise of .* trimming cannot reduce the error below"
+    ):
         trimming(backend, circuit, probe, 0.9 * noise, samples=1)
 
 

@@ -91,7 +91,7 @@ def test_a_setting_out_of_range_is_named(setting, value):
 
 def test_a_run_that_is_not_finite_cannot_scale():
     _, run, radius = probe("double_integrator")
-    with pytest.raises(NetworkError, match="settle first"):
+    with pytest.raises(NetworkError, match="it has to settle"):
         ProbeRun(states=np.full_like(run.states, np.nan), times=run.time, radius=radius)
     for value in (0.0, -1.0, np.nan):
         with pytest.raises(NetworkError, match=r"^radius: expected"):

@@ -292,8 +292,8 @@ def network(name: str) -> Network:
 
 
 EFFECTS = {
-    "bent by 0.4 %": Parasitics(multiplier_nonlinearity=4e-3),
-    "0.3 % of feedthrough": Parasitics(multiplier_feedthrough=3e-3),
+    "nonlinearity 0.4 %": Parasitics(multiplier_nonlinearity=4e-3),
+    "feedthrough 0.3 %": Parasitics(multiplier_feedthrough=3e-3),
     "all": Parasitics(
         multiplier_nonlinearity=4e-3, multiplier_feedthrough=3e-3, multiplier_capacitance=5e-12
     ),

@@ -128,9 +128,9 @@ def network(name: str) -> Network:
 
 
 EFFECTS = {
-    "insulators of 0.1 s": Parasitics(capacitor_leakage=0.1),
-    "switches of 1 Gohm": Parasitics(switch_leakage=1e9),
-    "switches of 5 pF": Parasitics(switch_capacitance=5e-12),
+    "capacitor leakage time constant 0.1 s": Parasitics(capacitor_leakage=0.1),
+    "switches 1 Gohm": Parasitics(switch_leakage=1e9),
+    "switches 5 pF": Parasitics(switch_capacitance=5e-12),
     "half a pC": Parasitics(switch_charge=0.5e-12),
     "all": Parasitics(
         capacitor_leakage=0.1, switch_leakage=1e9, switch_capacitance=5e-12, switch_charge=0.5e-12

@@ -115,5 +115,5 @@ def test_what_is_not_known_is_refused():
     coupled, _ = SpiceBackend(level=macro(differential=True)).prepare(coordinated)
     with pytest.raises(NetworkError, match="cannot build a multilevel"):
         emulate(coupled, ota_c())
-    with pytest.raises(NetworkError, match="no network in continuous time"):
+    with pytest.raises(NetworkError, match="not a network in continuous time"):
         emulate(circuit, switched_capacitor(step=0.1))

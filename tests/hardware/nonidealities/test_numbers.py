@@ -209,7 +209,7 @@ OUT_OF_RANGE = {
     "gain error": (lambda n: gain_error(n, np.nan), "relative: expected a finite"),
     "rails at zero": (lambda n: saturation(n, 0.0), "limit of x: expected a positive"),
     "rails of one at zero": (lambda n: saturation(n, {"x": -1.0}), "limit of x: expected"),
-    "rails at one stage": (lambda n: saturation(n, 1.0, Selection(stages=())), "leave stages out"),
+    "rails at one stage": (lambda n: saturation(n, 1.0, Selection(stages=())), "omit stages"),
     "rate of zero": (lambda n: slew(n, 0.0), "rate: expected a positive number"),
     "infinite noise": (lambda n: noise(n, np.inf), "density: expected a finite number"),
 }

@@ -72,7 +72,7 @@ def test_parasitics_that_no_netlist_would_have_are_refused(level):
     own = level.datasheet.parasitics
     for name in ("bias_current", "stray_capacitance", "multiplier_feedthrough"):
         datasheet = replace(level.datasheet, parasitics=replace(own, **{name: 1e-9}))
-        with pytest.raises(NetworkError, match=f"parasitics, {name}: .* take macro models"):
+        with pytest.raises(NetworkError, match=f"parasitics, {name}: .* use macro models"):
             replace(level, datasheet=datasheet)
     assert replace(level, datasheet=replace(level.datasheet, parasitics=own)).name == level.name
 

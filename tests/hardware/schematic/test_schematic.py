@@ -72,10 +72,10 @@ def test_an_integrator_has_the_rails_of_its_neuron():
 @pytest.mark.parametrize(
     ("level", "reported"),
     [
-        (levels.macro(differential=True), "take a level of single-ended op amps.*'macro'"),
+        (levels.macro(differential=True), "use a level of single-ended op amps.*'macro'"),
         (
             presets.get("opa192_ad734"),
-            "level opa192_ad734 has 10 V; .* or parts that have it: macro",
+            "level opa192_ad734 has 10 V; .* or parts with that full scale: macro",
         ),
     ],
 )

@@ -35,5 +35,5 @@ def test_more_capacitance_asks_for_more_margin():
 def test_a_level_without_an_emulation_has_none():
     network = neighbour_wired("double_integrator", 4)
     circuit, probe = SpiceBackend(level=BEHAVIOURAL).prepare(network)
-    with pytest.raises(NetworkError, match="no network in continuous time"):
+    with pytest.raises(NetworkError, match="not a network in continuous time"):
         least_margin(circuit, switched_capacitor(step=0.1), probe.final)

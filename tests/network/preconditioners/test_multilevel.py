@@ -149,7 +149,7 @@ def test_odd_levels_are_refused(points):
 
 
 def test_no_levels_are_refused():
-    with pytest.raises(NetworkError, match="no levels given"):
+    with pytest.raises(NetworkError, match="expected one level or more, got none"):
         Multilevel(gains=())
 
 

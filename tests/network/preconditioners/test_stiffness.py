@@ -91,7 +91,7 @@ WRONG_SHAPES = {
     "too many neighbours": (
         np.ones((3, 2, 2)),
         np.zeros((3, 2, 2)),
-        "following: expected shape (2, 2, 2), one block a pair of neighbours, got (3, 2, 2)",
+        "following: expected shape (2, 2, 2), one block per pair of neighbours, got (3, 2, 2)",
     ),
     "other neighbours": (np.ones((3, 2, 2)), np.zeros((2, 1, 2)), "following: expected shape"),
     "not finite": (np.full((1, 1, 1), np.nan), np.zeros((0, 1, 1)), "is not finite"),

@@ -40,7 +40,7 @@ def test_every_plan_has_its_lambda():
         np.testing.assert_array_equal(drawn[name].get_ydata(), run.gains[:, 0, sample])
     assert [one.get_title(loc="left") for one in axes[:3]] == [
         "(a) one obstacle",
-        "what settles: T_0",
+        "settling at T_0",
         "(28)-(30), (33) as printed",
     ]
 

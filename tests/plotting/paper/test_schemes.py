@@ -21,7 +21,7 @@ def test_robot_has_four_wheels_and_its_coordinates():
 def test_decomposition_names_the_stages_and_the_end_of_the_problem():
     assert "t_{8}" in texts(figure_2(plants.car()))
     assert "q_d" in texts(figure_2(plants.car()))
-    assert "free end" in texts(figure_2(plants.car(q_d=None)))
+    assert "free terminal state" in texts(figure_2(plants.car(q_d=None)))
 
 
 def test_transfer_tells_the_first_stage_no_beta_if_its_state_is_given():

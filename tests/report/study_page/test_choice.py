@@ -58,8 +58,8 @@ def test_the_figures_that_tell_most_are_there_and_the_others_are_named():
     for title in (
         "settling_time over gains.tau.u",
         "Yield over gains.tau.u",
-        "predicted_settling_time beside settling_time",
-        "How settling_time spreads",
+        "predicted_settling_time against settling_time",
+        "Distribution of settling_time",
         "residuals over time",
     ):
         assert title in titles
@@ -129,7 +129,7 @@ def test_median_lines_of_two_words_pass_where_points_are():
 def test_median_line_of_samples_in_two_clusters_has_gaps():
     figure, lines = over_rho(clusters(within=True))
     assert [line["y"] for line in lines] == [[None] * 3] * 2
-    assert "No median where points form two clusters" in figure.says
+    assert "No median if points form two clusters" in figure.says
     assert sum(trace.get("fill") == "tonexty" for trace in figure.traces) == 2
 
 

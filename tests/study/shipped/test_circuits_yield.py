@@ -30,7 +30,7 @@ def test_a_board_that_repels_is_infinitely_slow_and_no_good():
         "circuit.bandwidth_margin"
     ].run(workers=0)
     slow, fast = table.by("circuit.bandwidth_margin").values()
-    assert slow.outcomes == {"settled point repels": 2}
+    assert slow.outcomes == {"unstable equilibrium": 2}
     assert np.isinf(slow["slowest_mode_seconds"]).all()
     assert (slow.yield_of().passed, fast.yield_of().passed) == (0, 2)
 
@@ -61,5 +61,5 @@ def test_a_spot_check_has_the_boards_of_the_curves():
 
 
 def test_a_metric_that_does_not_exist_is_refused():
-    with pytest.raises(StudyError, match="there is no 'slowest_mode'"):
+    with pytest.raises(StudyError, match="unknown metric 'slowest_mode'"):
         yield_curves(PLANT, spec={"slowest_mode": 1.0})

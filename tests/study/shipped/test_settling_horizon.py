@@ -32,5 +32,5 @@ def test_a_step_length_that_is_none_or_in_the_map_is_refused():
             dataclasses.replace(ann_dc.plants.car(), dt=ann_dc.StepLength(low=0.02, high=0.5))
         )
     network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
-    with pytest.raises(StudyError, match="give the problem"):
+    with pytest.raises(StudyError, match="expected a problem"):
         settling_against_horizon(network)

@@ -281,7 +281,7 @@ def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
     for part in schematic.parts:
         if not schematic.alive(part.name, stage):
             if isinstance(part, Integrator) and schematic.collects(part.name):
-                text.comment(f"{part.name}, in the last cell, of all cells")
+                text.comment(f"{part.name}, shared by all cells, in the last cell")
                 _input_resistors(nodes, values, text, part)
             continue
         text.comment(f"{part.name}: {_described(part)}")

@@ -81,7 +81,7 @@ def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
     output, of any sign. Raises `NetworkError` if a scale is zero or not finite.
     """
     if not (0 < abs(sx) < math.inf and 0 < abs(sy) < math.inf):
-        raise NetworkError(f"{curve.stretch}: sx, sy: expected units, not 0; got {sx}, {sy}")
+        raise NetworkError(f"{curve.stretch}: sx, sy: expected nonzero units, got {sx}, {sy}")
     if isinstance(curve, FittedPolynomial):
         cards = _cascade(curve, sx, sy)
     elif isinstance(curve, FittedQuotient):

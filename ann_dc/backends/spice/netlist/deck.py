@@ -104,7 +104,7 @@ class Deck:
             *self.models,
             "* ---- cells",
             *self.cells,
-            "* ---- the row",
+            "* ---- cell array",
             *self.row,
             "* ---- inputs and reset",
             *self.inputs,
@@ -172,8 +172,8 @@ def _deviations(circuit: Circuit, level: Level, given: Deviations) -> dict[str, 
     for parameter in circuit.parameters:
         if parameter.kind in level.technology.without and off.pop(parameter.name, ZERO).any():
             raise NetworkError(
-                f"deviation of {parameter.name}: {level.name} cells have no {parameter.meaning}; "
-                "leave it out"
+                f"deviation of {parameter.name}: {level.name} cells have no "
+                f"{parameter.meaning}; omit it"
             )
     return off
 
@@ -185,7 +185,7 @@ def _head(nodes: Nodes, level: Level) -> Lines:
     return (
         f"* {commented(nodes.network.title)}: {counted(nodes.network.stages, 'cells')}, "
         f"{level.name} level",
-        "* run by hand: ngspice -b -r out.raw <this file>, or in ngspice: source, run, plot",
+        "* manual run: ngspice -b -r out.raw <this file>, or in ngspice: source, run, plot",
         *(f"* {commented(line)}" for line in str(nodes.scaling).splitlines()),
         *(
             f"*   {commented(name)} = {_in_user_units(nodes, name, sign)}"
@@ -292,7 +292,7 @@ def _copies(nodes: Nodes, level: Level, used: list[str]) -> Lines:
         and not node.startswith(SOURCE)
         and kinds[node.split("__")[0]] not in native
     ]
-    return ("* negative copies, which a differential circuit has", *lines) if lines else ()
+    return ("* negative copies of a differential circuit", *lines) if lines else ()
 
 
 def _signals(nodes: Nodes) -> dict[tuple[str, int], str]:

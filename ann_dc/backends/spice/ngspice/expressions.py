@@ -61,7 +61,7 @@ def value_of(text: str, known: Mapping[str, float]) -> float:
     if not text.startswith("{"):
         found = PLAIN.fullmatch(text)
         if found is None:
-            raise FileFormatError(f"netlist: {text[:60]!r} is no number")
+            raise FileFormatError(f"netlist: {text[:60]!r} is not a number")
         return float(found[1]) * SUFFIXES.get(found[2], 1.0)
     try:
         return float(_value(_tree(text), known))
@@ -77,7 +77,7 @@ def _tree(text: str) -> ast.expr:
     try:
         return ast.parse(plain.strip(), mode="eval").body
     except (SyntaxError, RecursionError, MemoryError) as error:
-        raise ValueError(f"no expression: {error}") from error
+        raise ValueError(f"not an expression: {error}") from error
 
 
 def _value(node: ast.expr, known: Mapping[str, float]) -> float:

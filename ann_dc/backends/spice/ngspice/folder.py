@@ -56,8 +56,8 @@ def writing(where: object) -> Iterator[None]:
         raise
     except OSError as error:
         raise OutputError(
-            f"a deck cannot be written to {str(where)!r} ({error.strerror or error}); free space "
-            "there, or give `keep` or TMPDIR as a folder that may be written to"
+            f"the netlist cannot be written to {str(where)!r} ({error.strerror or error}); free "
+            "space, or set `keep` or TMPDIR to a writable folder"
         ) from error
 
 
@@ -70,14 +70,16 @@ def _is_full(folder: Path) -> bool:
 
 def _full(folder: Path) -> OutputError:
     return OutputError(
-        f"ngspice could not write to {str(folder)!r} (the disk is full); free space there, or "
-        f"{REMEDY}, or give `keep` or TMPDIR as a folder on another disk"
+        f"ngspice could not write to {str(folder)!r} (the disk is full); free space, or "
+        f"{REMEDY}, or set `keep` or TMPDIR to a folder on another disk"
     )
 
 
 def _evidence(folder: Path) -> str:
     lines = [f"  | {line}" for line in _last_lines(folder / LOG)] or ["  | (nothing)"]
-    return "\n".join([f"The deck is kept as {str(folder / DECK)!r}; ngspice printed last:", *lines])
+    return "\n".join(
+        [f"The netlist is stored as {str(folder / DECK)!r}; ngspice printed last:", *lines]
+    )
 
 
 def _last_lines(log: Path) -> list[str]:

@@ -37,13 +37,13 @@ def find_ngspice() -> Path:
         return Path(found).absolute()
     if named:
         raise NgspiceMissing(
-            f"{VARIABLE} is {named!r}, which is no program that can be run; "
-            "set it to an ngspice, or unset it"
+            f"{VARIABLE} is {named!r}, which is not an executable program; set it to ngspice, "
+            "or unset it"
         )
     raise NgspiceMissing(
-        "ngspice is not installed; `apt-get install ngspice` on Debian and Ubuntu, "
-        "`brew install ngspice` on macOS, or the download page of ngspice.sourceforge.io"
-        f"; or set {VARIABLE} to where it is"
+        "ngspice is not installed; `apt-get install ngspice` on Debian and Ubuntu, `brew "
+        "install ngspice` on macOS, or the download page of ngspice.sourceforge.io; or set "
+        f"{VARIABLE} to its path"
     )
 
 
@@ -90,13 +90,13 @@ class Processes:
         if self._over:
             raise CancelledError
         if code in NOT_STARTED and self._tied:
-            raise self._no_start("it is no program that runs here")
+            raise self._no_start("it is not an executable program on this machine")
         return code
 
     def _no_start(self, why: object) -> SpiceCrashError:
         return SpiceCrashError(
-            f"{self._program!r} cannot be started ({why}); set {VARIABLE} to an ngspice that runs, "
-            "or give fewer `workers`"
+            f"{self._program!r} cannot be started ({why}); set {VARIABLE} to a working ngspice, "
+            "or use fewer `workers`"
         )
 
     def _start(self, folder: Path) -> subprocess.Popen[bytes]:

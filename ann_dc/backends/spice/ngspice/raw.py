@@ -138,8 +138,9 @@ class _Header:
 
     def mismatch(self, needed: int, there: int, unit: str) -> RawFileError:
         return RawFileError(
-            f"plot {self.plot!r} is cut off or damaged: {self.points} points of {len(self.names)} "
-            f"variables are {needed} {unit}, and {there} follow; run the deck again"
+            f"plot {self.plot!r} is cut off or damaged: {self.points} points of "
+            f"{len(self.names)} variables are {needed} {unit}, and {there} follow; simulate "
+            "again"
         )
 
 
@@ -147,8 +148,8 @@ def _header(content: bytes, start: int) -> tuple[_Header, int]:
     """Return a plot's header and the position of its data."""
     if not content.startswith(b"Title:", start):
         raise RawFileError(
-            f"a plot begins with {content[start : start + 20]!r} instead of 'Title:'; "
-            "the file is no raw file, or damaged"
+            f"a plot begins with {content[start : start + 20]!r} instead of 'Title:'; the file "
+            "is not a raw file, or is damaged"
         )
     fields: dict[str, str] = {}
     names: list[str] = []
@@ -177,8 +178,7 @@ def _variable(line: str) -> str:
         raise RawFileError(f"a variable is declared as {line[:60]!r}, without a name")
     if any(word.startswith("dims=") for word in words[2:]):
         raise RawFileError(
-            f"variable {words[1][:60]!r} is shorter than its plot; "
-            "write variables of one length only"
+            f"variable {words[1][:60]!r} is shorter than its plot; write variables of equal length"
         )
     return words[1].lower()
 
@@ -191,7 +191,7 @@ def _checked(fields: dict[str, str], names: list[str], binary: bool) -> _Header:
         )
     declared = _count(fields, "No. Variables")
     if not declared or declared != len(names):
-        raise RawFileError(f"{declared} variables are announced and {len(names)} are named")
+        raise RawFileError(f"expected {declared} variables, got {len(names)} names")
     return _Header(
         title=fields["Title"],
         plot=fields.get("Plotname", ""),
@@ -215,9 +215,9 @@ def _given_up(header: _Header, content: bytes, start: int) -> SpiceError:
     if not rows or content.startswith(NEXT_PLOT[1:], start):
         return RawFileError(f"plot {header.plot!r} has no points")
     if not header.binary or header.row != 8 * len(header.names) or header.names[0] != "time":
-        return EndedEarlyError(f"plot {header.plot!r} was given up")
+        return EndedEarlyError(f"plot {header.plot!r} was aborted")
     last = np.frombuffer(content, float, 1, start + (rows - 1) * header.row)[0]
-    return EndedEarlyError(f"plot {header.plot!r} was given up at time {last:g}")
+    return EndedEarlyError(f"plot {header.plot!r} was aborted at time {last:g}")
 
 
 def _numbers(header: _Header, content: bytes, start: int) -> tuple[np.ndarray, int]:
@@ -242,7 +242,9 @@ def _text(header: _Header, content: bytes, start: int) -> tuple[np.ndarray, int]
     try:
         values = np.array([number(word) for word in words])
     except (TypeError, ValueError) as error:
-        raise RawFileError(f"plot {header.plot!r} has no number: {str(error)[:80]}") from None
+        raise RawFileError(
+            f"plot {header.plot!r} contains an entry that is not a number: {str(error)[:80]}"
+        ) from None
     return values.reshape(header.points, -1), end if end >= 0 else len(content)
 
 

@@ -41,8 +41,8 @@ END_SHARE = 1e-6
 """Fraction of its end time by which a transient may miss it."""
 
 UNSTABLE = (
-    "often the circuit is unstable, or a step became too small: look at the eigenvalues first, "
-    "keep voltages near 1 V and times below 1 ms"
+    "often the circuit is unstable, or a step became too small: check the eigenvalues first, "
+    "and keep voltages near 1 V and times below 1 ms"
 )
 
 
@@ -119,7 +119,9 @@ class Ngspice:
         ngspice is not found, and `SpiceInputError` if ``decks`` is a single text.
         """
         if isinstance(decks, str):
-            raise SpiceInputError("decks: expected several, got one text; call `run` for one deck")
+            raise SpiceInputError(
+                "decks: expected several netlists, got one text; call `run` for one netlist"
+            )
         texts, results = [*decks], []
         with Processes(find_ngspice()) as processes, self._pool(processes) as pool:
             for result in pool.map(lambda deck: self._result(processes, deck, end_time), texts):
@@ -147,7 +149,7 @@ class Ngspice:
         try:
             content = deck.encode()
         except UnicodeEncodeError as error:
-            raise SpiceInputError(f"the deck is no text: {error}") from error
+            raise SpiceInputError(f"the netlist is not text: {error}") from error
         with run_folder(self.keep) as folder:
             with writing(folder):
                 (folder / DECK).write_bytes(content)
@@ -161,8 +163,7 @@ def _only(plots: list[Raw]) -> Raw:
     if len(plots) > 1:
         names = ", ".join(raw.plot for raw in plots)
         raise SpiceInputError(
-            f"the deck has {len(plots)} analyses ({names}) where one is expected; "
-            "leave one, or call `plots`"
+            f"the deck has {len(plots)} analyses ({names}) expected one; keep one, or call `plots`"
         )
     return plots[0]
 
@@ -176,8 +177,8 @@ def _checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw
     """
     if code is None:
         raise SpiceTimeoutError(
-            f"ngspice was ended after {timeout:g} s; {UNSTABLE}; or ask for a shorter transient, "
-            "or give a longer `timeout`"
+            f"ngspice was terminated after {timeout:g} s; {UNSTABLE}; or use a shorter "
+            "transient, or a longer `timeout`"
         )
     if code < 0:
         raise SpiceCrashError(_killed(-code))
@@ -191,8 +192,8 @@ def _checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw
         plots = []
     if code > 0:
         raise SpiceCrashError(
-            f"ngspice ended with exit code {code}; what it printed last often names the line "
-            "of the deck or the analysis that is wrong"
+            f"ngspice ended with exit code {code}; its last output often names the faulty line "
+            "of the netlist or the analysis"
         )
     return plots
 
@@ -200,12 +201,12 @@ def _checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw
 def _answer(file: Path) -> list[Raw]:
     if not file.exists():
         raise RawFileError(
-            "ngspice wrote no raw file; check that the deck has an analysis (.op, .tran)"
+            "ngspice wrote no raw file; check that the netlist has an analysis (.op, .tran)"
         )
     try:
         return read_raw(read_whole(file, MAX_BYTES, REMEDY))
     except FileFormatError as error:
-        raise RawFileError(f"ngspice gave no answer that can be read: {error}") from None
+        raise RawFileError(f"the output of ngspice cannot be read: {error}") from None
 
 
 def _killed(number: int) -> str:
@@ -213,8 +214,9 @@ def _killed(number: int) -> str:
         return f"ngspice wrote more than {MAX_BYTES} bytes; {REMEDY}"
     names = {known.value: f" ({known.name})" for known in signal.Signals}
     return (
-        f"ngspice was killed by signal {number}{names.get(number, '')}; if the memory was short, "
-        "give fewer `workers` or save fewer nodes; if it crashed, run its deck alone"
+        f"ngspice was killed by signal {number}{names.get(number, '')}; if memory was "
+        "exhausted, use fewer `workers` or save fewer nodes; if it crashed, run the netlist "
+        "separately"
     )
 
 
@@ -224,14 +226,11 @@ def _check_end(plots: list[Raw], end_time: float | None) -> None:
         return
     transients = [raw for raw in plots if raw.names[0] == "time"]
     if not transients:
-        raise EndedEarlyError(
-            f"the deck has no transient, and one until {end_time:g} s is expected; add a .tran"
-        )
+        raise EndedEarlyError(f"expected a transient until {end_time:g} s, got none; add a .tran")
     for raw in transients:
         if not raw.time[-1] >= end_time * (1.0 - END_SHARE):
             raise EndedEarlyError(
-                f"the transient ended at {raw.time[-1]:g} s, and {end_time:g} s is expected; "
-                f"{UNSTABLE}"
+                f"the transient ended at {raw.time[-1]:g} s, expected {end_time:g} s; {UNSTABLE}"
             )
 
 

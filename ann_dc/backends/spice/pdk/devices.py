@@ -65,8 +65,8 @@ def device_cards(cards: str) -> Iterator[tuple[Device, int]]:
         whole = not GIVEN.sub("", card["given"]).strip() and numbers["m"].isdecimal()
         if not (whole and all(NUMBER.fullmatch(number) for number in numbers.values())):
             raise FileFormatError(
-                f"{card[0].strip()!r}: expected sizes as plain numbers of micrometres, w=20, "
-                "and how many there are as m=2"
+                f"{card[0].strip()!r}: expected sizes as plain numbers of micrometres (w=20) "
+                "and their count as m=2"
             )
         size = {"width": float(numbers["w"]), "length": float(numbers["l"])}
         yield Device(name=card["name"], **size), int(numbers["m"])

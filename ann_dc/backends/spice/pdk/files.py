@@ -47,7 +47,7 @@ class PdkFiles:
         cards = [card for card in _joined(_text(path)) if not card.lower().startswith(".include")]
         for card in cards:
             if not CARD.match(card):
-                raise _broken(path, f"has a card that models do not have, {card[:40]!r}")
+                raise _broken(path, f"has an unexpected card, {card[:40]!r}")
         if not cards:
             raise _broken(path, "has no cards")
         return tuple(cards)

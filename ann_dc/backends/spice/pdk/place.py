@@ -72,14 +72,14 @@ def _check(conditions: Conditions) -> None:
     coldest, hottest = MADE_FOR
     if not coldest <= conditions.temperature <= hottest:
         raise NetworkError(
-            f"temperature: models of {PACKAGE} are made for {coldest:g} to {hottest:g} C, got "
+            f"temperature: models of {PACKAGE} are valid for {coldest:g} to {hottest:g} C, got "
             f"{conditions.temperature:g} C"
         )
     low, high = SUPPLIES
     if not low <= conditions.supply <= high:
         raise NetworkError(
-            f"supply: circuits of {PACKAGE} are made for {low:g} to {high:g} times the nominal "
-            f"one, got {conditions.supply:g}"
+            f"supply: circuits of {PACKAGE} are valid for {low:g} to {high:g} times the nominal "
+            f"voltage, got {conditions.supply:g}"
         )
 
 

@@ -41,7 +41,7 @@ def test_a_syntax_error(ngspice, tmp_path):
 
 def test_a_failed_run_is_kept_among_temporary_files(ngspice, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with pytest.raises(RawFileError, match=r"no raw file; check that the deck has an analysis"):
+    with pytest.raises(RawFileError, match=r"no raw file; check that the netlist has an analysis"):
         ngspice.run("no analysis\nR1 a 0 1\nV1 a 0 1\n.end\n")
     assert [file.name for file in tmp_path.glob("*/*.cir")] == ["deck.cir"]
 
@@ -70,7 +70,7 @@ def test_a_folder_that_cannot_be_written_to(stand_in, tmp_path, monkeypatch):
     stand_in("cp $here/raw.raw out.raw", raw=ramp())
     taken = tmp_path / "taken"
     taken.write_text("")
-    with pytest.raises(OutputError, match=r"taken'.*a file stands where a folder is needed"):
+    with pytest.raises(OutputError, match=r"taken'.*a file has the name of the folder"):
         Ngspice(keep=taken).run("")
     monkeypatch.setattr("tempfile.tempdir", str(taken))
     with pytest.raises(OutputError, match=r"'the folder of temporary files' \(Not a dir.*TMPDIR"):
@@ -90,7 +90,9 @@ def test_a_disk_that_fills_up_costs_no_earlier_result(stand_in, monkeypatch):
     first, second, third, last = ngspice.run_many(["a", "b", "late", "c"])
     assert {type(result) for result in (first, second, last)} == {Raw}
     assert isinstance(third, OutputError)
-    assert re.search(r"a deck cannot be written .*\(No space left on device\); free", str(third))
+    assert re.search(
+        r"the netlist cannot be written .*\(No space left on device\); free", str(third)
+    )
     assert not [*ngspice.keep.iterdir()]
 
 

@@ -62,7 +62,7 @@ def test_runs_are_equal_to_the_bit(ngspice):
 
 def test_what_is_no_deck(stand_in):
     ngspice = stand_in("")
-    with pytest.raises(SpiceInputError, match=r"no text: .*surrogates"):
+    with pytest.raises(SpiceInputError, match=r"not text: .*surrogates"):
         ngspice.run("\ud800")
     with pytest.raises(SpiceInputError, match="got one text; call `run`"):
         ngspice.run_many("deck")

@@ -22,7 +22,9 @@ from ann_dc.errors import (
 
 def test_an_abandoned_transient_tells_its_time(ngspice, tmp_path):
     """v' = v^2 from 1 is 1 / (1 - t), so nothing is there from t = 1 on."""
-    with pytest.raises(EndedEarlyError, match=r"often the circuit is unstable.*\n.*kept as") as it:
+    with pytest.raises(
+        EndedEarlyError, match=r"often the circuit is unstable.*\n.*stored as"
+    ) as it:
         Ngspice(keep=tmp_path).run(BLOW_UP)
     stopped = float(re.search(r"given up at time ([\d.]+);", str(it.value))[1])
     np.testing.assert_allclose(stopped, 1.0, atol=1e-2)

@@ -28,9 +28,9 @@ def test_continued_cards_are_joined_without_comments_and_includes(tmp_path):
     ("text", "what"),
     [
         (".control\nshell rm -rf /\n.endc", "has a card that models do not have, '.control'"),
-        ("V1 a 0 1", "has a card that models do not have"),
+        ("V1 a 0 1", "has an unexpected card"),
         ("", "has no cards"),
-        ("\0", "has a card"),
+        ("\0", "has an unexpected card"),
     ],
 )
 def test_what_is_no_file_of_models_is_refused(tmp_path, text, what):
