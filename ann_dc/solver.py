@@ -70,7 +70,7 @@ def _renamed_keyword(old: str, new: str) -> Callable[[Function], Function]:
         def with_former_name(*args: Any, **kwargs: Any) -> Any:
             if old in kwargs:
                 if new in kwargs:
-                    raise ArgumentTypeError(f"{old}: expected {new} alone, got both; leave it out")
+                    raise ArgumentTypeError(f"{old}: expected {new} alone, got both; omit {old}")
                 warnings.warn(f"{old}: former name; use {new}", DeprecationWarning, stacklevel=2)
                 kwargs[new] = kwargs.pop(old)
             return function(*args, **kwargs)

@@ -269,9 +269,7 @@ FAMILIES: dict[str, Family] = {
     "gains": Family(
         Effect.NUMBERS, "factors on penalties, time constants, coarse-level gains", _gains
     ),
-    "input": Family(
-        Effect.NUMBERS, "inputs of the network with fixed gains", lambda s: s.wired.cell.inputs
-    ),
+    "input": Family(Effect.NUMBERS, "inputs; gains are fixed", lambda s: s.wired.cell.inputs),
     "start": Family(Effect.NUMBERS, "initial guess", lambda _: ("kind", "spread")),
     "nonideal": Family(Effect.NUMBERS, "non-idealities of the ideal network", lambda _: NONIDEAL),
     "circuit": Family(Effect.PARTS, "level, parts and bandwidth margin of a circuit", _datasheet),
@@ -408,9 +406,7 @@ def _check_run(field: str, name: str, met: set[str], given: set[str]) -> None:
     if name in ("run.order", "run.step") and "recurrent" not in met:
         raise StudyError(f"{field}: {name} applies to run.backend = 'recurrent' only")
     if name == "nonideal.noise" and "run.duration" not in given:
-        raise StudyError(
-            f"{field}: {name} depends on the duration of the run; set run.duration as well"
-        )
+        raise StudyError(f"{field}: {name} needs the duration of the run; set run.duration")
     if name == "run.method" and "ode" not in met:
         raise StudyError(f"{field}: {name} applies to run.backend = 'ode' only")
     if name == "run.duration" and "run.two_level" in given:
