@@ -96,7 +96,7 @@ class Yield:
         low, high = self.interval
         said, of = f"{100 * self.share:.1f} %", f"{self.passed} of {self.count}"
         if self.draws == 0:
-            return f"{said} ({of}, nothing random: no interval)"
+            return f"{said} ({of}, no random settings: no interval)"
         few = self.draws is not None and self.draws < self.count
         of += f" from {self.draws} draws" if few else ""
         return f"{said} ({100 * low:.1f} to {100 * high:.1f} %, {of})"

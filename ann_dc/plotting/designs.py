@@ -49,7 +49,7 @@ def diagnosis(found: Diagnosis, problem: OptimalControlProblem | None = None) ->
     panels = right.subplots(len(modes), 1, sharex=True, squeeze=False)[:, 0]
     for number, (axes, mode) in enumerate(zip(panels, modes), 1):
         _mode(axes, mode, number)
-    panels[-1].set_xlabel("stage k")
+    panels[-1].set_xlabel("stage k (index)")
     name = found.title if problem is None else style.caption(problem)
     style.headline(
         figure,
@@ -127,7 +127,7 @@ def _mode(axes: Axes, mode: Mode, number: int) -> None:
         fontsize=9, loc="left",
     )  # fmt: skip
     axes.axhline(0.0, color=GREY, lw=0.8)
-    axes.set_ylabel("root of the energy fraction")
+    axes.set_ylabel("mode shape (root of energy)")
     style.quiet(axes)
     style.legend_beside(axes)
 

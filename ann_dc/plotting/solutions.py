@@ -283,7 +283,7 @@ def _residuals(axes: Axes, solution: Solution, radius: float) -> None:
             settled, tolerance, "D", color=VERMILION, ms=7, zorder=5,
             label=f"settled after {settled:.3g}",
         )  # fmt: skip
-    axes.set_ylabel("relative KKT residual")
+    axes.set_ylabel("KKT residual (relative)")
     low = min(tolerance, np.nanmin(kkt, initial=1.0)) / 3
     axes.set_ylim(low, 3 * max(np.nanmax(kkt[time >= FIRST_INSTANT], initial=tolerance), 1.0))
     if kkt[0] > axes.get_ylim()[1]:

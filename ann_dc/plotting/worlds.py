@@ -131,7 +131,7 @@ def _residual(axes: Axes, journey: ClosedLoopRun) -> None:
     axes.semilogy(_time(journey)[known], journey.residuals[known], color=BLUE)
     axes.axhline(SETTLED, color=GREY, lw=0.8, ls=":")
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_ylabel("relative KKT residual")
+    axes.set_ylabel("KKT residual (relative)")
 
 
 FRAMES_A_SECOND = 10

@@ -16,7 +16,7 @@ def drawn():
 
 def test_time_is_real_and_axes_have_units(drawn):
     assert [axes.get_ylabel() for axes in drawn.axes] == [
-        "voltage (V)", "distance of the controls\n(share of the largest)",
+        "voltage (V)", "distance of the controls\n(relative to the largest control)",
     ]  # fmt: skip
     assert drawn.axes[-1].get_xlabel() == "time (µs)"
 

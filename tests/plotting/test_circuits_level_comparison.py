@@ -28,7 +28,7 @@ def test_a_rung_that_failed_says_why(drawn):
 
 
 def test_the_title_carries_n_and_dt(drawn):
-    assert drawn.get_suptitle() == "car: N = 9, dt = 0.1 s, from ideal parts to silicon"
+    assert drawn.get_suptitle() == "car: N = 9, dt = 0.1 s, model levels"
 
 
 def test_axes_have_units(drawn):

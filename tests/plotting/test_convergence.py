@@ -102,8 +102,12 @@ def test_a_sequence_of_runs_is_numbered():
     ("given", "settings", "named"),
     [
         ({}, {}, "runs: expected at least one"),
-        ({"RK45": 0}, {"against": "seconds"}, r"runs\['RK45'\]: against: a network has seconds"),
-        ({"RK45": 0}, {"error": "objective"}, r"runs\['RK45'\]: error: the cost is that of a"),
+        (
+            {"RK45": 0},
+            {"against": "seconds"},
+            r"runs\['RK45'\]: against: only circuits have seconds",
+        ),
+        ({"RK45": 0}, {"error": "objective"}, r"runs\['RK45'\]: error: the cost belongs to a"),
         ({"two levels": 0}, {}, r"runs\['two levels'\]: .*against='steps'"),
         ({"IPOPT": 0}, {}, r"runs\['IPOPT'\]: .*'seconds'"),
     ],

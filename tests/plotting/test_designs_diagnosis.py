@@ -26,7 +26,7 @@ def test_a_panel_for_spectrum_and_rows_and_one_a_mode(drawn, found):
 
 def test_the_limit_and_the_ratio_stand_in_the_spectrum(drawn, found):
     at = {line.get_label(): line.get_xdata() for line in drawn.axes[0].lines}
-    np.testing.assert_allclose(at["limit: ratio 2"], 0.5)
+    np.testing.assert_allclose(at["limit: stiffness ratio 2"], 0.5)
     ratio = found.slowness.ratio
     np.testing.assert_allclose(at[f"ratio {ratio:.3g}"], 1 / ratio)
     numbers = [text.get_text() for text in drawn.axes[0].texts]

@@ -101,7 +101,7 @@ REFUSED = [
     ({"units": {"x": "\u202em"}}, "units[x]:", "plain text"),
     ({"units": {"time": "$\\mu$s"}}, "units[time]:", "plain text"),
     ({"units": {"x": "[m]"}}, "units[x]: '[m]' holds", "plain text"),
-    ({"units": {"time": "s"}} | named("time"), "units: 'time' is one of", "rename the symbol"),
+    ({"units": {"time": "s"}} | named("time"), "units: 'time' is a symbol", "rename the symbol"),
 ]
 
 

@@ -79,7 +79,7 @@ def test_it_has_the_unit_of_time():
         ({"q_0": (0,)}, r"q_0: 2 values expected"),
         ({"q_d": (0, 0, 1)}, r"q_d: 2 values expected"),
         ({"dynamics": (v, a, a)}, r"dynamics: 2 expressions expected, one for each state \(x, v\)"),
-        ({"dt": StepLength(low=0.1, symbol="V")}, r"dt\.symbol: V is one of the problem's own"),
+        ({"dt": StepLength(low=0.1, symbol="V")}, r"dt\.symbol: V is a symbol of the problem"),
         ({"dt": StepLength(low=0.1, symbol="g")}, r"cost: unknown symbol h in"),
         ({"dt": (0.1, 0.2)}, r"dt: expected a positive finite number, got \(0\.1, 0\.2\)"),
         ({"dt": 0.1}, r"cost: unknown symbol h in"),

@@ -156,7 +156,7 @@ def test_numbers_may_be_formulas_of_numbers_and_parameters(write):
 
 REFUSED = [
     (('cost = "weight', 'cots = "weight'), "unknown key 'cots'", "keys states, controls"),
-    (("dt = 0.1\n", ""), "dt: missing", "before the first [table]"),
+    (("dt = 0.1\n", ""), "dt: missing", "precede the first [table]"),
     (('["a"]', '"a"'), "controls: expected a list of names", "got 'a'"),
     (('["a"]', "[1]"), "controls: expected a list of names", "got [1]"),
     (('["a"]', '["lambda"]'), "cost: 'a' is not a name", "Allowed:"),
@@ -178,7 +178,7 @@ REFUSED = [
     (("dt = 0.1", "dt = {low = 0.1, symbol = 3}"), "dt.symbol: expected a name", "3"),
     (
         ("dt = 0.1", 'dt = {low = 0.1, symbol = "v"}'),
-        "dt.symbol: v is one of",
+        "dt.symbol: v is a symbol",
         "rename the step length",
     ),
     (

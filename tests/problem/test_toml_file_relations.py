@@ -74,7 +74,7 @@ REFUSED = [
     ("x <= 1 and y <= 2", "'1 and y' is a logical operation", "Allowed"),
     ("x <= 1, y <= 2", "'1, y' is a list of values", "Allowed"),
     ("(x <= 1)", "'(x' is not an expression", "write it like"),
-    ("abs(x) <= 1", "'abs(x)' calls abs, which is not smooth", "smooth stand-in"),
+    ("abs(x) <= 1", "'abs(x)' calls abs, which is not smooth", "smooth approximation"),
     ("z <= 1", "'z' is not a name of this problem", "x, y, limit"),
     ("open('/etc/passwd') <= 1", '"\'" in "open(\'/etc/passwd\')" is not allowed', "letters"),
     ("x.__class__ <= 1", "'x.__class__' is an attribute", "Allowed"),

@@ -28,7 +28,7 @@ BAD = {
     "recurrent no verify": (["solve", *RECURRENT, "--no-verify"], "--no-verify: belongs to"),
     "ode order": (["solve", "car", "--order", "two-phase"], "--order: belongs to"),
     "ode step": (["solve", "car", "--step", "adaptive"], "--step: belongs to"),
-    "ode accelerate": (["solve", "car", "--accelerate"], "or say --backend recurrent"),
+    "ode accelerate": (["solve", "car", "--accelerate"], "or add --backend recurrent"),
     "unknown order": (["solve", *RECURRENT, "--order", "x"], "two-phase, stage-by-stage"),
     "step of no time": (["solve", *RECURRENT, "--step", "0"], "--step: expected a positive number"),
     "step that is nan": (["solve", *RECURRENT, "--step", "nan"], "--step: expected a positive"),

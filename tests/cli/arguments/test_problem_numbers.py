@@ -5,7 +5,7 @@ from command_line import refused
 
 BAD = {
     "no value": (["solve", "car", "--set", "D"], "--set: expected NAME=VALUE"),
-    "given twice": (["solve", "car", "-N", "3", "--set", "N=4"], "N: given twice"),
+    "given twice": (["solve", "car", "-N", "3", "--set", "N=4"], "N: specified twice"),
     "code": (["solve", "car", "--set", "D=__import__('os')"], "D: expected a finite number"),
     "nan": (["solve", "car", "--set", "D=nan"], "D: expected a finite number"),
     "infinite": (["solve", "car", "--q-0", "inf,0,0,0"], "q_0: expected a finite number"),

@@ -70,7 +70,7 @@ def test_every_level_has_a_word(tmp_path, level):
     result = tmp_path / "result.json"
     code, text = run(*QUICK, "--level", level.upper(), "--json", result)
     assert code == 0
-    assert "controls within 0.1 %" in text
+    assert "to 0.1 % of the controls" in text
     found = strict(result)
     assert found["level"] == {"differential": "macro, differential"}.get(level, level)
     assert found["settled"]
@@ -117,7 +117,7 @@ def test_drawn_circuits_are_predicted(tmp_path):
     code, text = run(*QUICK, *words)
     assert code == 0
     assert "95 % of 8 (predicted); 8 of 8 within 1%" in text
-    assert "yes: the controls are within 1%, with their noise, of nominal parts" in text
+    assert "within 1 % of the optimal controls (ngspice, nominal parts)" in text
     assert len(strict(result)["samples"]) == 8
 
 
@@ -130,7 +130,7 @@ def test_circuit_writes_netlist_bill_picture_and_numbers(tmp_path):
     code, text = run(*QUICK, "--series", "e96-pairs", "--level", "macro", *options)
     assert code == 0
     assert text.count("wrote ") == 5
-    assert "E96 pairs: off by up to 0.0" in text
+    assert "E96 pairs: rounding errors up to 0.0" in text
     assert files["--deck"].read_text(encoding="utf-8").endswith(".end\n")
     assert files["--bom"].read_text(encoding="utf-8").startswith("cell,component,")
     assert (files["--figures"] / "circuit.png").read_bytes().startswith(b"\x89PNG")
@@ -161,7 +161,7 @@ def test_the_values_told_are_those_of_the_series():
 
 
 def test_a_target_out_of_reach_is_told_by_name():
-    refused(["circuit", "double_integrator", "-N", "1"], "nothing to build: no controls reach q_d")
+    refused(["circuit", "double_integrator", "-N", "1"], "no circuit: no controls reach q_d")
 
 
 CIRCUIT_BAD = {
@@ -169,7 +169,10 @@ CIRCUIT_BAD = {
     "presets are listed": (["--level", "lm741"], "tl072_ad633"),
     "unknown series": (["--series", "E7"], "choose one of: exact, E12, E24, E96, E24-pairs"),
     "a0 of a preset": (["--level", "tl072_ad633", "--a0", "1e5"], "--a0: the parts of level"),
-    "gbw of transistors": (["--level", "transistor", "--gbw", "1e6"], "choose them with macro"),
+    "gbw of transistors": (
+        ["--level", "transistor", "--gbw", "1e6"],
+        "these options apply to macro",
+    ),
     "a0 of ideal parts": (["--level", "behavioural", "--a0", "1e5"], "--a0: the parts of level"),
     "negative seed": (["--seed", "-1"], "--seed"),
     "half a seed": (["--seed", "1.5"], "--seed"),
@@ -246,7 +249,7 @@ def test_an_unstable_circuit_is_told_in_a_sentence():
     code, text = run(*QUICK, "--bandwidth-margin", "2")
     assert code == 2
     assert "error: circuit: the pole model is unstable" in text
-    assert "too slow at margin 2" in text
+    assert "too slow at bandwidth margin 2" in text
 
 
 @pytest.mark.parametrize("option", ["--deck", "--bom", "--figures", "--json", "--trajectory"])
@@ -318,7 +321,7 @@ def test_netlist_bill_and_prediction_need_no_ngspice(tmp_path, monkeypatch):
     for option, file in (("--figures", "figures"), ("--trajectory", "a.csv")):
         code, text = run(*CIRCUIT, "--no-simulate", option, tmp_path / file)
         assert code == 2
-        assert f"{option}: needs the simulation; leave out --no-simulate" in text
+        assert f"{option}: needs the simulation; omit --no-simulate" in text
 
 
 def test_a_volt_of_every_control_is_told(tmp_path):
@@ -334,7 +337,7 @@ def test_a_volt_of_every_control_is_told(tmp_path):
     (scale,) = strict(result)["volt"].values()
     assert scale["offset"] == 1.5
     assert f"u.u: {scale['factor']:.4g}" in text
-    assert "from 1.5, as its errors are" in text
+    assert "from 1.5" in text
     assert strict(result)["within_tolerance"] is True
     assert strict(result)["shortcoming"] == ""
 
@@ -373,7 +376,7 @@ def test_where_a_demand_is_not_told_the_report_says_why(tmp_path, monkeypatch):
     arguments = "--no-simulate", "--preconditioner", "multilevel", "--json", tmp_path / "a.json"
     code, text = run(*CIRCUIT, *arguments)
     assert code == 0, text
-    assert "wires demand unknown: with" in " ".join(text.split())
+    assert "wires requirements not computed: with" in " ".join(text.split())
     found = strict(tmp_path / "a.json")
     assert found["demand"] is None
     assert "neurons, above 10" in found["undemanded"]

@@ -43,7 +43,14 @@ def test_settling_network_is_compared_with_its_ode_and_its_prediction(tmp_path, 
     ]
     code, text = run("circuit", damped, *words)
     assert code == 0, text
-    for row in ("within 1 % of equilibrium", "error of states", "1 V =", "x: ", "noise", "x[0] "):
+    for row in (
+        "within 1 % of the settled states",
+        "state error",
+        "1 V =",
+        "x: ",
+        "noise",
+        "x[0] ",
+    ):
         assert row in text
     for word in ("optimum", "objective", "KKT", "problem"):
         assert word not in text
@@ -67,7 +74,7 @@ def test_oscillator_runs_for_its_duration_beside_its_emulation(tmp_path, oscilla
     code, text = run("circuit", oscillator, *words)
     assert code == 0, text
     assert "completed" in text
-    assert "within 1 % of" not in text
+    assert "within 1 % of the settled" not in text
     found = strict(result)
     exact = reference(van_der_pol(), 30.0)
     largest = np.abs(exact(np.linspace(0, 30, 3001))).max()
@@ -101,7 +108,7 @@ def test_inputs_over_time_have_no_prediction(tmp_path, damped):
     files = ["--json", tmp_path / "a.json", "--trajectory", tmp_path / "a.csv"]
     code, text = run("circuit", damped, *load, "--duration", 30, *files)
     assert code == 0, text
-    assert "nothing: inputs load change over time" in text
+    assert "not available: inputs load change over time" in text
     end = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)[-1]
     assert end["x0"] == pytest.approx(29.5, abs=1e-3)
     found = strict(tmp_path / "a.json")
@@ -113,7 +120,7 @@ def test_inputs_over_time_have_no_prediction(tmp_path, damped):
 def test_network_is_predicted_without_ngspice(damped, oscillator):
     code, text = run("circuit", damped, "--no-simulate", "--error-budget", 2, "--samples", 3)
     assert code == 0, text
-    assert "the states are predicted to be within 1%" in text
+    assert "within 1 % of the settled states (predicted, nominal parts" in text
     code, text = run("circuit", oscillator, "--no-simulate", "--duration", 5)
     assert code == 0, text
     assert "not simulated" in text
@@ -129,7 +136,7 @@ def test_bad_options_of_a_network_are_refused_by_name(damped, oscillator):
     refused(["circuit", damped, "--corners", "--duration", 3], "--duration: corners, yields")
     words = ["circuit", oscillator, "--duration", 3, "--no-simulate"]
     for name in ("error-budget", "samples", "loops"):
-        refused([*words, f"--{name}", 2], f"(--{name}), got one that does not")
+        refused([*words, f"--{name}", 2], f"(--{name}) needs a network that settles")
 
 
 def test_yield_of_a_network_in_a_file(damped, tmp_path):

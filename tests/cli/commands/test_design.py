@@ -15,7 +15,7 @@ def test_a_design_tells_its_candidates():
     code, text = run(*WORDS)
     assert code == 0
     for word in (
-        "first run",
+        "scheduled run",
         "predicted",
         "preconditioner",
         "selected",
@@ -29,7 +29,7 @@ def test_why_is_told_and_written(tmp_path):
     out = tmp_path / "new"
     code, text = run(*WORDS, "--diagnose", "--output", out)
     assert code == 0
-    for word in ("times the limit of 2", "cause:", "remedy", "so: "):
+    for word in ("times the limit of 2", "cause:", "remedy", "advice: "):
         assert word in text
     assert sorted(file.name for file in out.iterdir()) == [
         "design.json",
@@ -134,7 +134,7 @@ BAD = {
     "words": (["--range", "q_d.x=near:far"], "got 'q_d.x=near:far'"),
     "backwards": (["--range", "q_d.x=7:3"], "the range from 7 to 3 is empty"),
     "no input": (["--range", "q_d.z=3:7"], "input 'q_d.z' does not exist"),
-    "twice": (["--range", "q_d.x=1:2", "--range", "q_d.x=2:3"], "q_d.x is given twice"),
+    "twice": (["--range", "q_d.x=1:2", "--range", "q_d.x=2:3"], "q_d.x is specified twice"),
     "not finite": (["--range", "q_d.x=1:inf"], "not finite"),
     "none held out": (["--range", "q_d.x=1:2", "--held-out", "0"], "--held-out"),
     "refined": (["--range", "q_d.x=1:2", "--refine"], "--range: cannot be combined with"),

@@ -27,7 +27,7 @@ def test_a_yield_may_be_of_resistors_that_exist(tmp_path):
         words = "--level", "opa192_ad734", "--yield", "error<50%", "--samples", "5"
         code, text = run(*QUICK, *words, "--series", series, "--json", file)
         assert code == 0
-        assert (series == "E12") == ("E12, with their tolerances on top" in text)
+        assert (series == "E12") == ("E12, with their tolerances in addition" in text)
         medians.append(np.median(strict(file)["yield"]["errors"]))
     assert medians[2] > 5 * medians[0]
     assert medians[1] == pytest.approx(medians[0], rel=0.2)
@@ -102,7 +102,7 @@ def test_corners_tell_what_tolerances_add_to_their_verdict():
     """5e-5 with nominal parts, and a standard deviation of 2 % with tolerances of 1 %."""
     code, text = run(*QUICK, "--corners", "--temperature", "27", "--supply", "1")
     assert code == 0
-    assert "at 1 of 1 corners nominal parts are within 1%, and 3 spreads on top are not" in text
+    assert "at 1 of 1 corners nominal parts are within 1%, and 3 spreads exceed it" in text
     place = "--corners", "--temperature", "27", "--supply", "1"
     _, text = run(*QUICK, *place, "--seed", "1")
     assert "of parts drawn with seed 1" in text
@@ -128,11 +128,14 @@ def test_several_questions_are_answered_together():
     ("words", "meaning"),
     [
         (["--yield", "errr<1%"], "--yield: expected terms"),
-        (["--yield", "error<1%", "--error-budget", "3"], "--error-budget: belongs to one circuit"),
-        (["--yield", "error<1%", "--seed", "0"], "--seed: --yield and --trim draw circuits"),
-        (["--trim", "error<5%", "--seed", "1"], "--seed: --yield and --trim draw circuits"),
-        (["--trim", "error<1%", "--loops", "1"], "--loops: belongs to one circuit"),
-        (["--adc", "8", "--no-simulate"], "--no-simulate: belongs to one circuit"),
+        (
+            ["--yield", "error<1%", "--error-budget", "3"],
+            "--error-budget: applies to the construction",
+        ),
+        (["--yield", "error<1%", "--seed", "0"], "--seed: --yield and --trim use the seeds"),
+        (["--trim", "error<5%", "--seed", "1"], "--seed: --yield and --trim use the seeds"),
+        (["--trim", "error<1%", "--loops", "1"], "--loops: applies to the construction"),
+        (["--adc", "8", "--no-simulate"], "--no-simulate: applies to the construction"),
         (["--yield", "error<1%", "--level", "behavioural"], "not emulated"),
         (["--trim", "settle<5us"], "--trim: expected an error limit"),
         (["--trim", "everything"], "--trim: expected terms"),

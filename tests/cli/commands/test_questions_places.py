@@ -52,9 +52,9 @@ def test_places_that_do_not_exist_are_refused(words, meaning):
 @pytest.mark.parametrize(
     ("words", "meaning"),
     [
-        (["--samples", "3"], "--samples: belongs to one circuit"),
-        (["--loops", "3"], "--loops: belongs to one circuit"),
-        (["--no-simulate"], "--no-simulate: belongs to one circuit"),
+        (["--samples", "3"], "--samples: applies to the construction"),
+        (["--loops", "3"], "--loops: applies to the construction"),
+        (["--no-simulate"], "--no-simulate: applies to the construction"),
         (["--process", "xx"], "expected one of tt, ss, ff, sf, fs"),
     ],
 )

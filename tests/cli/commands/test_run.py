@@ -130,7 +130,7 @@ BAD = {
     "method": (["--method", "Euler"], "--method 'Euler' does not exist; choose one of: "),
     "level": (["--level", "wood"], "--level 'wood' does not exist"),
     "method of a circuit": (["--level", "macro", "--method", "RK45"], "applies to the ODE"),
-    "gbw of the ODE": (["--gbw", "1e6"], "--gbw: belongs to a circuit; add --level macro"),
+    "gbw of the ODE": (["--gbw", "1e6"], "--gbw: applies to a circuit; add --level macro"),
     "margin": (["--bandwidth-margin", "0", "--level", "macro"], "bandwidth_margin"),
     "input": (["--input", "force=1"], "'force' does not exist"),
     "count": (["--input", "load=1,2"], "--input load: expected 1 or 20 numbers, got '1,2'"),
@@ -145,7 +145,7 @@ def test_bad_option_is_refused_by_name(leak, words, meaning):
 
 
 def test_what_is_no_network_names_the_command_to_use(tmp_path, leak):
-    refused(["run", "car"], "a plant or a .toml problem is run by: ann-dc solve car")
+    refused(["run", "car"], "a plant or a .toml problem use: ann-dc solve car")
     refused(["run", tmp_path / "nix.npz"], "does not exist")
     refused(["circuit", "car", "--duration", "3"], "--duration: belongs to a network in a file")
     refused(["circuit", "car", "--input", "q_0.x=3"], "--input: belongs to a network in a file")

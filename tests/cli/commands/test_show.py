@@ -93,7 +93,10 @@ def test_a_file_keeps_the_scales_that_the_command_line_leaves(tmp_path):
 def test_a_step_length_that_is_chosen_is_told():
     code, text = run("show", "car_free_time", "--counts", "--set", "low=0.1", "--set", "high=0.4")
     assert code == 0
-    assert "step length h: 0.1 to 0.4 s, chosen by the network, which starts at 0.2 s" in text
+    assert (
+        "step length h: 0.1 to 0.4 s, determined by the network from the initial value 0.2 s"
+        in text
+    )
     assert "9 stages last 1.8 s; h = 0.15*sin(h_free" in text
     assert "step length" not in run("show", "car_free_time", "--set", "dt=0.3", "--counts")[1]
 
@@ -108,4 +111,4 @@ def test_ends_of_a_file_are_those_that_its_author_knows(tmp_path):
     assert run(*words, "--q-0", "3,0,0")[0] == 2
     code, text = run(*words, "--set", "dt=0.1")
     assert code == 2
-    assert "dt: 0.1 is given, but this problem chooses" in text
+    assert "dt: got 0.1, but the step length of this problem is free" in text

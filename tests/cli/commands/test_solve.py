@@ -295,7 +295,7 @@ def test_without_torch_a_sentence_says_how_to_get_it(monkeypatch):
     forget_torch(monkeypatch)
     code, text = run("solve", *RECURRENT, "--accelerate")
     assert code == 2
-    assert "--accelerate: the recurrent layers run on torch" in text
+    assert "--accelerate: recurrent layers need torch" in text
     assert "pip install 'ann-dc[torch]'" in text
 
 
@@ -307,7 +307,7 @@ def test_without_torch_recurrent_steps_are_taken_in_code(monkeypatch):
     )  # as of a cell of many blocks
     code, text = run("solve", *RECURRENT)
     assert code == 2
-    assert "--backend recurrent: the recurrent layers run on torch" in text
+    assert "--backend recurrent: recurrent layers need torch" in text
 
 
 BAD = {

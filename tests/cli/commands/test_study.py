@@ -33,7 +33,7 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
     assert "chips: 8 of 8 points" in said
     assert "settled 8 100.0%" in said
     assert "yield: 50.0 % (6.8 to 93.2 %, 4 of 8 from 4 draws)" in said
-    assert "0.0 100.0 % (4 of 4, nothing drawn: no interval)" in said
+    assert "0.0 100.0 % (4 of 4, no random settings: no interval)" in said
     assert "0.02 0.0 % (0.0 to 60.2 %, 0 of 4)" in said
     with table.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -55,7 +55,7 @@ def test_points_that_fail_are_told_by_the_code(file, tmp_path):
 
 def test_samples_of_nothing_random_are_refused(file, tmp_path):
     file.write_text(STUDY.replace("[0.0, 0.02]", "[0.0]"), encoding="utf-8")
-    said = "samples: nothing in this study is random, so 4 samples would be 4 equal rows"
+    said = "samples: the study has no random settings, so 4 samples would be 4 equal records"
     refused(("study", file, "--output", tmp_path / "out"), said)
 
 
@@ -69,7 +69,7 @@ def test_what_can_be_varied_and_measured():
 def test_bad_input_is_told(file, tmp_path):
     refused(["study", file], "--output: expected a folder for the records")
     refused(["study", tmp_path / "none.toml", "--output", tmp_path], "none.toml")
-    refused(["study", file, "--point", "8"], "there are 8 points")
+    refused(["study", file, "--point", "8"], "there are 8 cases")
     refused(["study", tmp_path, "--point", "1"], "study.sqlite")
     refused(["study", file, "--point", "1", "--csv", tmp_path / "a.csv"], "omit --point")
     refused(["study", "kar", "--list-settings"], "did you mean car")
@@ -88,7 +88,7 @@ def test_a_scheduler_that_does_not_answer(file, tmp_path, monkeypatch):
 
     monkeypatch.setattr(distributed, "Client", client)
     words = ["study", file, "--output", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"]
-    refused(words, "no scheduler answers at tcp://127.0.0.1:1")
+    refused(words, "no response from tcp://127.0.0.1:1")
 
 
 def test_study_json_dash_prints_only_json(file, tmp_path):

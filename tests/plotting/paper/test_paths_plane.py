@@ -42,7 +42,7 @@ def test_axes_have_units_and_one_scale():
 def test_the_legend_names_everything_once():
     (legend,) = drawn().legends
     names = [text.get_text() for text in legend.get_texts()]
-    assert sorted(names) == ["T_1", "led", "obstacle", "initial state q_0", "target q_d"]
+    assert sorted(names) == ["T_1", "initial state q_0", "led", "obstacle", "terminal state q_d"]
 
 
 def test_what_is_lost_is_left_out():
