@@ -165,5 +165,5 @@ def test_bits_and_accuracy_are_checked():
 
 def test_a_walk_that_does_not_settle_is_refused():
     network, vector = walked("double_integrator")
-    with pytest.raises(ExportError, match="does not settle"):
+    with pytest.raises(ExportError, match="settles within the steps"):
         fixed_point(network, replace(vector, steps=-1))

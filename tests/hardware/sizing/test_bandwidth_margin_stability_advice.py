@@ -63,9 +63,7 @@ def test_smaller_resistors_and_a_larger_margin_are_named_together():
 @pytest.mark.slow
 def test_resistors_that_no_margin_suits_are_refused_with_some_that_do():
     level = presets.get("opa192_ad734")
-    with pytest.raises(
-        NetworkError, match="no margin makes the circuit stable; take a "
-    ) as refusal:
+    with pytest.raises(NetworkError, match="no margin makes the circuit stable; use a ") as refusal:
         built(replace(level, smallest_resistor=1e7))
     (ohms,) = numbers(str(refusal.value))
     cured = replace(level, smallest_resistor=ohms)
