@@ -93,7 +93,8 @@ def test_rails_that_no_part_has_are_refused():
         replace(n, limiter=Limiter(low=-1.0)) if n.name == dual else n for n in network.cell.neurons
     ]
     with pytest.raises(
-        NetworkError, match=f"saturation limits of {dual} cannot be built: only an integrator"
+        NetworkError,
+        match=f"saturation limits of {dual} cannot be built: only a separate integrator",
     ):
         schematic_of(replace(network, cell=replace(network.cell, neurons=tuple(neurons))))
 
@@ -103,7 +104,10 @@ def test_rails_that_no_part_has_are_refused():
 )
 def test_rails_of_coupled_neurons_without_rows_are_refused(kind):
     network = clamped_runs.with_limits(wired_with("double_integrator", kind), 0.15, "u")
-    reported = rf"saturation limits of u\.a cannot be built: .* the {kind.value} couples u\.a to others; .*inequalities"
+    reported = (
+        rf"saturation limits of u\.a cannot be built: .* the {kind.value} couples u\.a to others; "
+        ".*inequalities"
+    )
     with pytest.raises(NetworkError, match=reported):
         schematic_of(network)
 

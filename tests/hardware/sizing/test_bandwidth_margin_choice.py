@@ -143,7 +143,7 @@ def test_small_capacitors_between_resistors_that_are_given_are_told_of_with_thei
     smallest = circuit.ranges[1][0]
     assert smallest < 47e-12
     assert (
-        f"take resistors {47e-12 / smallest:.3g} times smaller, or a margin as many" in reported[0]
+        f"use resistors {47e-12 / smallest:.3g} times smaller, or a margin as many" in reported[0]
     )
 
 
@@ -151,7 +151,7 @@ def test_a_margin_that_is_given_is_kept():
     circuit, _, reported = made(level(farads=2e-9), bandwidth_margin=12.0)
     assert circuit.scaling.bandwidth_margin == 12.0
     assert circuit.ranges[1][0] < 2e-9
-    assert "for the 2e-09 F that strays ask for" in reported[0]
+    assert "for the 2e-09 F of parasitic capacitance" in reported[0]
 
 
 def test_what_is_given_and_rings_is_refused_with_what_would_not():

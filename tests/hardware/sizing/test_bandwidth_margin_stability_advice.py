@@ -92,12 +92,12 @@ def test_where_nothing_helps_other_op_amps_do(monkeypatch):
     cases = [
         (level, meant, *built(level))
         for level, meant in (
-            (macro(Datasheet()), "take faster op amps"),
-            (presets.get("opa192_ad734"), "take op amps with less capacitance"),
+            (macro(Datasheet()), "use faster op amps"),
+            (presets.get("opa192_ad734"), "use op amps with less capacitance"),
         )
     ]
     monkeypatch.setattr(
         "ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_, **__: np.inf
     )
     for level, meant, circuit, x in cases:
-        assert cure(circuit, level, x) == f"no margin cures that; {meant}"
+        assert cure(circuit, level, x) == f"no margin is sufficient; {meant}"
