@@ -41,10 +41,10 @@ SIMULATED = (
     "8 pF at every ground",
     "bias current 10 nA",
     "bias current 1 uA",
-    "multipliers bent by 0.4 %",
-    "0.3 % of feedthrough",
-    "insulators of 0.1 s",
-    "open switches of 1 Gohm and 5 pF",
+    "multiplier nonlinearity 0.4 %",
+    "feedthrough 0.3 %",
+    "capacitor leakage time constant 0.1 s",
+    "open switches 1 Gohm and 5 pF",
 )
 """Effects that ngspice is asked for too: a second each."""
 PICOFARADS = (0, 4, 8, 10, 11, 12)

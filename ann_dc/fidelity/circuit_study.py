@@ -425,7 +425,10 @@ def _check_settled(probe: Trajectory, **requested: int) -> None:
     """Raise `NetworkError` for an analysis of the settled point if the network has none."""
     for name, count in requested.items():
         if count and not settles(probe):
-            raise NetworkError(f"{name}: {ANALYSES[name]} needs a network that settles; omit it")
+            raise NetworkError(
+                f"{name}: expected a network that settles for {ANALYSES[name]}, got one that "
+                "does not; omit it"
+            )
 
 
 def _series_rounding(circuit: Circuit, off: Deviations) -> dict[str, float]:

@@ -126,7 +126,7 @@ def why_no_loops(emulation: Emulation) -> str:
     if size <= LARGEST:
         return ""
     return (
-        f"the emulation has {size} neurons, and loop gains are computed up to {LARGEST}; take a "
+        f"the emulation has {size} neurons, but loop gains are computed up to {LARGEST}; use a "
         "shorter horizon"
     )
 

@@ -348,7 +348,8 @@ def _check_neuron(neuron: Neuron, stages: int) -> None:
     _check_scale(neuron.name, neuron.scale)
     if not neuron.limiter.low < neuron.limiter.high:
         raise NetworkError(
-            f"{neuron.name}: limits {neuron.limiter.low!r} .. {neuron.limiter.high!r} are empty"
+            f"{neuron.name}: limits {neuron.limiter.low!r} .. {neuron.limiter.high!r}: "
+            "expected low < high"
         )
 
 

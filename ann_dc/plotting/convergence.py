@@ -180,7 +180,7 @@ def _positions(
     own = run.deck.timing.unit if isinstance(run, CircuitRun) else unit
     if own is None:
         raise NetworkError(
-            "against: only circuits have seconds; add the run of a circuit, or take 'time'"
+            "against: only circuits have seconds; add the run of a circuit, or use 'time'"
         )
     return own * time
 

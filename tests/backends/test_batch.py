@@ -50,7 +50,7 @@ def test_a_batch_that_did_not_settle():
     assert run.outcomes == (Outcome.NOT_SETTLED,) * 2
     assert run.steps.tolist() == [8, 8]
     assert run.settling_steps.tolist() == [-1, -1]
-    said = r"sample 1: not settled within the time given, after 8 steps, KKT residual \d.\de[+-]\d+"
+    said = r"sample 1: not settled within the limit, after 8 steps, KKT residual \d.\de[+-]\d+"
     assert re.fullmatch(said, run.message(1))
     assert str(run).startswith("0 of 2 samples settled\n  sample 0: not settled")
 

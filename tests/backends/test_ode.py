@@ -93,7 +93,7 @@ def test_trajectory_speaks_the_users_units(reference):
 def test_a_verified_run_says_so():
     run = OdeBackend().run(designed("car").network)
     figures = re.search(
-        r"fell on to 0.005 of it; a run at 100 times tighter tolerances agrees "
+        r"decreased to 0.005 of it; a run at 100 times tighter tolerances agrees "
         r"\(([\d.]+) against ([\d.]+)\)$",
         run.verified,
     )
@@ -156,7 +156,7 @@ def test_not_settled():
     )
     run = replace(QUICK, limit=5.0).run(Network(cell=cell, stages=2, start={"x": 1.0}))
     assert run.status.outcome is Outcome.NOT_SETTLED
-    bound = "not settled within 5 fastest time constants (limit) (s = 20): "
+    bound = "not settled within 5 tau_min (limit) (s = 20): "
     assert str(run.status).startswith(bound)
     np.testing.assert_allclose(run.status.time, 20.0, rtol=1e-12)
     np.testing.assert_allclose(run.trajectory.final, np.exp(-5), rtol=1e-5)

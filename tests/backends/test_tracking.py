@@ -139,7 +139,7 @@ def test_boards_follow_and_are_not_predicted():
 @pytest.mark.parametrize(
     ("run", "named"),
     [
-        (lambda n: ann_dc.OdeBackend().run(n), "duration: low-pass has inputs over time, of u"),
+        (lambda n: ann_dc.OdeBackend().run(n), r"duration: low-pass has inputs over time \(u\)"),
         (lambda n: ann_dc.OdeBackend().run_batch(n, {}), "duration: low-pass has inputs over time"),
         (lambda n: ann_dc.RecurrentBackend().run(n), "inputs: u change over time"),
     ],

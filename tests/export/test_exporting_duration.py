@@ -116,7 +116,7 @@ def test_inputs_over_time_are_held_or_refused_by_name(tmp_path):
     held = {name for name, each in found.items() if not each.why_not}
     assert held == {"weights", "csv", "pack", "ltspice", "xyce"}
     for name in found.keys() - held:
-        expected = f"inputs: expected constant values for {name}, got q_d.x over time; take one of "
+        expected = f"inputs: expected constant values for {name}, got q_d.x over time; use one of "
         assert found[name].why_not.startswith(expected + "weights, csv, pack")
     for name in ("pack", "ltspice", "xyce"):
         assert "PWL(" in (tmp_path / name / "deck.cir").read_text()

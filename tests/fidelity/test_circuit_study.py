@@ -117,7 +117,7 @@ def test_a_prediction_tells_whether_it_is_near():
     assert not replace(found, prediction=far).within_tolerance
     heard = replace(found, noise=1.01 * NEAR)
     assert not heard.within_tolerance
-    assert "noise of 1.0% rms of the largest one is on its controls" in heard.shortcoming
+    assert "rms noise of the controls 1.0%" in heard.shortcoming
     both = replace(found.prediction, control_error=0.8 * NEAR)  # as rms, 0.8 and 0.7 are above 1
     assert not replace(found, prediction=both, noise=0.7 * NEAR).within_tolerance
     assert replace(found, prediction=both, noise=0.5 * NEAR).within_tolerance

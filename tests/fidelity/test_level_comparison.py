@@ -93,7 +93,7 @@ def test_every_defect_stands_alone():
     ideal = Datasheet(a0=1e8, gbw=base.datasheet.gbw, tolerances=Tolerances())
     found = []
     for compared in all_rungs(base=base.name):
-        assert (compared.group is Group.ALONE) == compared.name.endswith("alone")
+        assert (compared.group is Group.ALONE) == compared.name.endswith("only")
         if compared.group is not Group.ALONE:
             continue
         off = differences(compared.level.datasheet, ideal)
@@ -197,7 +197,7 @@ def test_a_rung_that_ngspice_does_not_finish_says_why_in_a_line():
         *2 * (ComparedLevel(name="ideal", level=BEHAVIOURAL),), simulator=Ngspice(timeout=0.2)
     )
     for m in found:
-        assert m.why.startswith("ngspice was ended after 0.2 s")
+        assert m.why.startswith("ngspice was terminated after 0.2 s")
         assert "\n" not in m.why
         assert m.run is None
         assert np.isnan([m.error, m.settling, m.power, m.energy]).all()

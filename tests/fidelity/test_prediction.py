@@ -162,7 +162,7 @@ def test_an_unstable_circuit_is_predicted_not_to_settle():
 def test_the_backend_refuses_an_unstable_circuit_before_ngspice_starts(monkeypatch):
     monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
     backend = ringing()
-    bandwidth_margin = re.escape(f"at margin {backend.bandwidth_margin:g};")
+    bandwidth_margin = re.escape(f"at bandwidth margin {backend.bandwidth_margin:g};")
     with pytest.raises(NetworkError, match=rf"unstable .*\+.* of 1e\+07 Hz .*{bandwidth_margin}"):
         backend.run(neighbour_wired("double_integrator"))
 
@@ -231,7 +231,10 @@ def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, cli
         return
     assert isinstance(found, Unpredicted)
     assert found.reason is Reason.CLIPPED
-    reported = r"^prediction: .* at their rails: x of cell 0.*; no headroom would do: .* diverged"
+    reported = (
+        r"^prediction: .* at their output limits: x of cell 0.*; more headroom does not help: "
+        r".* diverged"
+    )
     with pytest.raises(NetworkError, match=reported):
         predict(instance.circuit, PARTS, instance.probe, instance.deviations)
 
@@ -241,7 +244,7 @@ def test_the_headroom_that_is_told_would_do():
     found, _ = off_by(-3.0, start=0.5)
     assert isinstance(found, Unpredicted)
     assert found.reason is Reason.CLIPPED
-    factor = float(re.search(r"([\d.]+) times as much room would do", found.sentence)[1])
+    factor = float(re.search(r"([\d.]+) times the headroom is sufficient", found.sentence)[1])
     more, _ = off_by(-3.0, start=0.5, headroom=factor * HEADROOM)
     assert isinstance(more, Prediction)
     assert more.control_error == pytest.approx(1.0, abs=1e-5)

@@ -96,9 +96,9 @@ def capacitors_files(
     if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
         raise ExportError(
             f"{network.title}: its preconditioner is a {network.preconditioner.kind.value}, "
-            "switched capacitors "
-            "need a diagonal one; design with preconditioner=PreconditionerKind.DIAGONAL, or take "
-            "dataclasses.replace(network, preconditioner=Diagonal())"
+            "switched capacitors need a diagonal one; design with "
+            "preconditioner=PreconditionerKind.DIAGONAL, or use dataclasses.replace(network, "
+            "preconditioner=Diagonal())"
         )
     if not 1 <= largest / unit * (1 + SAME) < MOST_UNITS + 1:
         raise ExportError(
@@ -208,9 +208,9 @@ def _nearest(place: str, ratios: np.ndarray, most: int, unit: float) -> int:
         least, top = sizes[0], sizes[-1]
         needed = np.ceil(0.5 / least) * max(top, 1.0)
         raise ExportError(
-            f"{place}: ratios from {least:.3g} to {top:.3g} need capacitors of "
-            f"{needed:.0f} units at least, {most} are allowed; raise largest to "
-            f"{needed * unit:.3g} F or more, or take a smaller unit"
+            f"{place}: ratios from {least:.3g} to {top:.3g} need capacitors of {needed:.0f} "
+            f"units at least, {most} are allowed; raise largest to {needed * unit:.3g} F or "
+            "more, or use a smaller unit"
         )
     worst = np.abs(own / across / sizes[:, None] - 1).max(axis=0)
     worst[~fits] = np.inf

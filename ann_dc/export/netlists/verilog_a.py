@@ -252,7 +252,7 @@ controls. For the run that is expected here drive it like this, and wait until {
 {first.stage} is {value:.6g}, {first.scale.network(value):.6g} V at `{first.node}`.
 
 **No simulator has run this file.** It uses `idt` with a condition, branches to ground, and modules
-within modules, as the Verilog-AMS manual has them: take a simulator of Verilog-AMS that elaborates
+within modules, as the Verilog-AMS manual has them: use a simulator of Verilog-AMS that elaborates
 instances. **Do not compile it as a compact model:** OpenVAF (openvaf-py 0.1.5) accepts it without a
 word and drops every instance, so that `network` has no equation that couples its nodes. The export
 `onnx`, or `manifest.json` of the export `weights`, has the equations without hierarchy.

@@ -93,7 +93,7 @@ def check_vector(network: Network, vector: ReferenceVector) -> None:
     """Raise `ExportError` if a vector belongs to another network."""
     if vector.content != content_hash(network):
         raise ExportError(
-            f"vector: it is another network's than {network.title!r:.200}; take "
+            f"vector: belongs to another network than {network.title!r:.200}; use "
             "ann_dc.export.reference.reference_vector(network)"
         )
 

@@ -109,7 +109,7 @@ class Level:
         if not self.transistors and corner != NOMINAL.process:
             raise NetworkError(
                 f"process: {self.name} parts have no transistors and no process corners, got "
-                f"{corner!r}; take the level transistor, or {NOMINAL.process!r}"
+                f"{corner!r}; use the level transistor, or {NOMINAL.process!r}"
             )
         if self.models != "macro":
             return

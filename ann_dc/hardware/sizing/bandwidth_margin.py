@@ -92,7 +92,7 @@ def check_clamps(circuit: Circuit, level: Level, least: float) -> None:
     bandwidth_margin = circuit.scaling.bandwidth_margin
     if least > bandwidth_margin * (1 + 1e-6):
         cure = (
-            f"take a margin of {-two_digits(-least):.3g} or more (--bandwidth-margin)"
+            f"use a margin of {-two_digits(-least):.3g} or more (--bandwidth-margin)"
             if math.isfinite(least)
             else "use parts with a larger output swing"
         )
@@ -462,7 +462,8 @@ def _tell(circuit: Circuit, sizing: Sizing, progress: Progress) -> None:
     if smallest < wanted * (1 - 1e-9):
         times = wanted / smallest
         reported += (
-            f"; for the {wanted:.2g} F that strays ask for, take resistors {times:.3g} times "
-            "smaller, or a margin as many times larger, which makes it as many times slower"
+            f"; for the {wanted:.2g} F of parasitic capacitance, use resistors {times:.3g} "
+            "times smaller, or a margin as many times larger, which makes it as many times "
+            "slower"
         )
     progress(reported)

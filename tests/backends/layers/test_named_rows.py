@@ -122,7 +122,7 @@ def test_numbers_of_another_wiring_are_refused():
         other = replace(network, cell=replace(network.cell, connections=others))
         layer, before = CellLayer(network), CellLayer(network).state_dict()
         state = CellLayer(other).state_dict() | {"tau.q.x": torch.full((4,), 7.0)}
-        with pytest.raises(NetworkError, match=r"network of other wiring than 'car'; load them"):
+        with pytest.raises(NetworkError, match=r"network with other wiring than 'car'; load them"):
             layer.load_state_dict(state)
         assert all(torch.equal(layer.state_dict()[name], held) for name, held in before.items())
 
@@ -131,7 +131,7 @@ def test_numbers_in_other_units_are_refused():
     """A car with another wheelbase has the same wires, but its turning has another unit."""
     short, long = (synthesize(plants.car(N=4, D=wheelbase)) for wheelbase in (0.5, 1.0))
     assert wiring_hash(short) == wiring_hash(long)
-    with pytest.raises(NetworkError, match="other units, rails or stiffness than 'car'"):
+    with pytest.raises(NetworkError, match="other units, limits or stiffness than 'car'"):
         RecurrentLayer(short).load_state_dict(RecurrentLayer(long).state_dict())
     with pytest.raises(NetworkError, match="other wiring"):
         CellLayer(short).set_extra_state("nonsense")

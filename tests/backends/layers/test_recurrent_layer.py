@@ -75,7 +75,7 @@ def test_cuda_where_there_is_none():
 
 
 def test_an_unknown_device():
-    with pytest.raises(NetworkError, match="device: 'abacus' is no device"):
+    with pytest.raises(NetworkError, match="device: 'abacus' is unknown to torch"):
         replace(RECURRENT, device="abacus").run(short("double_integrator"))
 
 

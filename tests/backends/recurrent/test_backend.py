@@ -179,7 +179,7 @@ REFUSED = {
     "sizes": (
         {"q_d.x": [1.0, 2.0], "q_0.x": [1.0, 2.0, 3.0]},
         NetworkError,
-        "do not agree: q_d.x has 2, q_0.x has 3 samples",
+        "differ: q_d.x has 2, q_0.x has 3 samples",
     ),
     "names": ({"q_d.z": 1.0}, UnknownNameError, "input 'q_d.z' does not exist; choose one of: "),
     "stages": ({"q_d.x": np.zeros((2, 5))}, NetworkError, r"q_d.x.*\(B, 6\).*shape \(2, 5\)"),
@@ -196,7 +196,7 @@ def test_batches_that_are_refused(inputs, error, message):
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        ((3, -1), "x: sizes of the batch do not agree: 3 states, inputs of 2 samples"),
+        ((3, -1), "x: sizes of the batch differ: 3 states, inputs of 2 samples"),
         ((2, 5), r"x: expected state vectors of \d+ neurons, got .*5"),
     ],
 )

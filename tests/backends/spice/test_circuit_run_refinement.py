@@ -128,7 +128,7 @@ def test_a_run_that_is_cut_short_is_not_settled_however_quiet():
     assert coarse.settled()
     assert not coarse.unsettled
     assert cut.settled()
-    assert cut.unsettled == "its run is too short to tell: its slowest pole asks for more"
+    assert cut.unsettled == "the run is too short to decide: its slowest pole asks for more"
 
 
 @needs_ngspice

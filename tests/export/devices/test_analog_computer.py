@@ -159,7 +159,9 @@ def test_everything_is_within_machine_units(largest):
 def test_rails_of_coupled_neurons_are_refused_by_name(kind):
     network = with_limits(wired_with("double_integrator", kind), 0.5, "u")
     vector = reference_vector(network)
-    with pytest.raises(ExportError, match=rf"its {kind.value} couples neurons with rails \(u\.a\)"):
+    with pytest.raises(
+        ExportError, match=rf"its {kind.value} couples neurons with saturation limits \(u\.a\)"
+    ):
         analog_computer_files(network, vector)
 
 
@@ -279,10 +281,10 @@ def rehashed(files, change) -> dict[str, bytes]:
         (lambda c: c["places"].pop(), "one per integrator"),
         (lambda c: c["places"].__setitem__(0, [[0, -1]]), "places in arrays of shape"),
         (lambda c: c.update(time_scale=0.0), "time_scale"),
-        (lambda c: c.update(elements=[], matrix=[], count={}), "run|one an integrator"),
+        (lambda c: c.update(elements=[], matrix=[], count={}), "run|one per integrator"),
         (lambda c: c["matrix"][0].__setitem__(3, 1e6), "differ"),
         (lambda c: c["count"].update(sum=1000), "count"),
-        (lambda c: c.update(content="0" * 64), "another network's"),
+        (lambda c: c.update(content="0" * 64), "another network"),
     ],
 )  # fmt: skip
 def test_what_is_no_circuit_is_refused(files, change, named):

@@ -67,7 +67,7 @@ def test_a_chain_shows_its_first_cells_and_its_last(stages, shown):
     texts = [words.text for words in picture.words]
     assert [text for text in texts if text.startswith("cell ")] == [f"cell {k}" for k in shown]
     assert ("· · ·" in texts) == (stages > len(shown))
-    assert any(text.startswith("q pinned at q_0") for text in texts)
+    assert any(text.startswith("q fixed at q_0") for text in texts)
 
 
 @pytest.mark.parametrize("kind", ["MULTILEVEL", "RESISTIVE_GRID", "CYCLIC_REDUCTION"])

@@ -83,7 +83,7 @@ def test_a_preconditioner_is_told(text_of, network):
     assert "couples them" not in text_of(network)
     kinds = [ann_dc.PreconditionerKind.MULTILEVEL]
     pyramid = ann_dc.design(ann_dc.plants.double_integrator(N=5), preconditioner=kinds).network
-    assert "A multilevel preconditioner spreads them over the row" in text_of(pyramid)
+    assert "The multilevel preconditioner couples them along the array" in text_of(pyramid)
 
 
 def hostile() -> Network:

@@ -88,7 +88,9 @@ def test_rails_hold():
 )
 def test_rails_of_coupled_neurons_are_refused_by_name(kind):
     network = with_limits(wired_with("double_integrator", kind), 0.5, "u")
-    with pytest.raises(ExportError, match=rf"its {kind.value} couples neurons with rails \(u\.a\)"):
+    with pytest.raises(
+        ExportError, match=rf"its {kind.value} couples neurons with saturation limits \(u\.a\)"
+    ):
         program_of(network, 0.1)
     assert len(program_of(replace(network, preconditioner=Diagonal()), 0.1).limits) == network.size
 
@@ -136,7 +138,7 @@ def test_other_inputs_settle_elsewhere():
 
 
 def test_a_word_too_small_says_what_it_costs():
-    with pytest.raises(ExportError, match=r"words of 10 bits .* within .* take bits=12 \("):
+    with pytest.raises(ExportError, match=r"words of 10 bits .* control error .* use bits=12 \("):
         fixed_point(*walked("car"), bits=10)
 
 
@@ -163,5 +165,5 @@ def test_bits_and_accuracy_are_checked():
 
 def test_a_walk_that_does_not_settle_is_refused():
     network, vector = walked("double_integrator")
-    with pytest.raises(ExportError, match="does not settle"):
+    with pytest.raises(ExportError, match="settles within the steps"):
         fixed_point(network, replace(vector, steps=-1))

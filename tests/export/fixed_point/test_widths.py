@@ -135,7 +135,8 @@ def test_a_walk_far_from_rest_is_not_settled():
 def test_what_words_are_worth_is_written_down():
     files = c99_files(*walked("double_integrator"), bits=16, over=OVER)
     reported = (
-        "q_d.x from 0.5 to 40; held out, 256 of 256 inputs settle right (100.0%; float64 256)"
+        "q_d.x from 0.5 to 40; held out, "
+        "256 of 256 inputs settle at the optimum (100.0%; float64 256)"
     )
     assert reported in c99_check(files)
     assert reported in files["README.md"].decode()
@@ -242,7 +243,7 @@ def test_words_that_settle_fewer_inputs_than_float64_are_refused(monkeypatch, bi
     with pytest.raises(ExportError, match="settle at the optimum") as refusal:
         fixed_point(*walked("double_integrator"), bits=bits, over=OVER)
     assert ", 0 wrong, 0 unconfirmed, " in str(refusal.value)
-    assert "as many right as in float64 less 2%" in str(refusal.value)
+    assert "as many correct as in float64 less 2%" in str(refusal.value)
 
 
 def test_errors_do_not_relate_to_controls_of_walks_that_are_lost():

@@ -88,7 +88,7 @@ def test_a_pyramid_settles_with_the_margin_that_suits_it(pyramid, tmp_path):
 def test_a_preconditioner_that_no_margin_makes_stable_is_refused(pyramid, monkeypatch):
     monkeypatch.setattr("ann_dc.export.netlists.build.fitting_margin", lambda *_: np.inf)
     monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_: np.inf)
-    meant = "no margin cures that; take op amps with less capacitance, or design the network with"
+    meant = "no margin is sufficient; use op amps with less capacitance, or design the network with"
     with pytest.raises(ExportError, match=meant):
         pack_files(*pyramid, level="ad8065_ad835")
 
@@ -148,7 +148,7 @@ def predicted(words):
 @needs_ngspice
 def test_series_is_predicted_warned_of_and_confirmed_by_ngspice(integrator, tmp_path):
     """Of resistors that can be bought: 1.5 % off, and within 1e-4 with pairs."""
-    meant = r"1\.5% of the largest one off, above 1%, because of the series .* series=E96-pairs"
+    meant = r"1\.5% of the largest control off, above 1%, because of the series .* series=E96-pairs"
     with pytest.warns(UserWarning, match=meant):
         files = pack_files(*integrator, series="E96")
     words = stated(files)

@@ -179,7 +179,7 @@ def other_inputs_named(model):
     ("change", "said"),
     [
         (external, "stores its numbers in another file"),
-        (unknown_operation, "'Det' is none of ours"),
+        (unknown_operation, "'Det' is not used by exports"),
         (other_domain, "is not used by exports"),
         (a_table_inside, "has local tensors"),
         (a_function, "expected a graph only, got functions or training"),

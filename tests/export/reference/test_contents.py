@@ -23,7 +23,7 @@ def test_what_is_listed_passes_with_a_readme_or_without():
         (FILES, "SHA256SUMS: missing"),
         (with_sums({"a.csv": b"1"}), r"library/\*: missing"),
         (with_sums({**FILES, "evil.exe": b""}), "evil.exe: expected only a.csv, library"),
-        ({**with_sums(FILES), "a.csv": b"3"}, "a.csv: is not what SHA256SUMS says"),
+        ({**with_sums(FILES), "a.csv": b"3"}, "a.csv: differs from its hash in SHA256SUMS"),
         ({**with_sums(FILES), "library/c.lib": b""}, "SHA256SUMS: does not list library/c.lib"),
         (with_sums(FILES) | {SUMS: b"\xff"}, "SHA256SUMS: not UTF-8"),
         ({"c.zip": b"", "a.csv": b""}, "a.csv: expected only c.zip|missing"),

@@ -76,7 +76,7 @@ def test_rails_below_what_a_circuit_needs_clip_it(network):
     assert not low.within_tolerance
     assert low.clipped
     assert np.isnan(low.control_error)
-    assert "clip at 0.56 V with supplies of 0.5 times the nominal ones" in low.remark
+    assert "clip at 0.56 V with supplies of 0.5 times the nominal voltage" in low.remark
     assert full.within_tolerance
 
 

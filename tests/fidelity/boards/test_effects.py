@@ -124,7 +124,7 @@ def test_a_simulator_that_takes_too_long_says_nothing():
     (row,) = effects_table(network, known_effects()[:1], patience=0.2)
     assert row.predicted_stable
     assert row.measured_stable is None
-    assert str(row).endswith("ngspice nothing: ended after 0.2 s")
+    assert str(row).endswith("ngspice nothing: terminated after 0.2 s")
 
 
 def test_a_parasitic_that_does_not_exist_is_named():

@@ -117,7 +117,9 @@ def test_a_circuit_that_oscillates_is_told():
 def test_a_clocked_circuit_has_no_settling_time():
     network = built()[1].schematic.network
     backend = SpiceBackend(level=switched_capacitor(step=0.01, a0=1e6))
-    with pytest.raises(NetworkError, match="interface: no settling time is known: between periods"):
+    with pytest.raises(
+        NetworkError, match="interface: no settling time is known: it is not a network"
+    ):
         interface_cost(backend, *backend.prepare(network), Interface(dac_bits=12))
 
 

@@ -213,7 +213,7 @@ def test_a_circuit_that_oscillates_is_not_trimmed():
     row = network("double_integrator")
     level = switched_capacitor(step=1.5 * stability_limit(row, row.start_state), a0=1e6)
     backend = SpiceBackend(level=level)
-    with pytest.raises(NetworkError, match="trimming: its settled point repels"):
+    with pytest.raises(NetworkError, match="trimming: its equilibrium is unstable"):
         trimming(backend, *backend.prepare(row), 0.5, samples=2)
 
 

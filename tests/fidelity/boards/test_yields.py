@@ -88,7 +88,7 @@ def test_clocked_circuits_are_judged_by_their_recurrence(built, share, passed):
 
 def test_a_settling_time_that_is_not_known_is_not_asked_for(built, backend, monkeypatch):
     spec = Spec(settling_time=1.0)
-    with pytest.raises(NetworkError, match=r"yield: the settling time .*: between periods"):
+    with pytest.raises(NetworkError, match=r"yield: the settling time .*: it is not a network"):
         yield_of(*clocked(built[0].schematic.network, 0.3), spec, samples=2)
     monkeypatch.setattr("ann_dc.fidelity.prediction.LARGEST", 10)
     with pytest.raises(NetworkError, match="neurons are more than 10"):

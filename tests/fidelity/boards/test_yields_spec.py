@@ -39,7 +39,7 @@ def test_what_is_no_spec_is_refused(text):
     ("text", "reported"),
     [
         ("settle<50", "'settle<50' needs ns, us, ms or s"),
-        ("error<1", "'error<1' is 100 % of the largest control; write error<1% if"),
+        ("error<1", "'error<1' is 100 % of the largest control; write error<1% for"),
     ],
 )
 def test_a_unit_that_was_forgotten_is_asked_for(text, reported):

@@ -133,5 +133,5 @@ def test_the_same_circuit_has_the_same_bill():
 @pytest.mark.parametrize("name", ["ota-c", "switched-capacitor"])
 def test_what_has_no_resistors_has_no_bill(name):
     circuit, _ = prepared("double_integrator", differential=True)
-    with pytest.raises(NetworkError, match=f"^bill: level {name} is not built of op amps"):
+    with pytest.raises(NetworkError, match=f"^bill: level {name} has no op amps"):
         bill_of(circuit, LEVELS[name], E24)

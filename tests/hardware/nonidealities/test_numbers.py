@@ -587,7 +587,7 @@ def test_tighter_rails_stay():
 
 def test_rails_that_leave_no_room():
     limited = Neuron(name="x", limiter=Limiter(low=2.0))
-    with pytest.raises(NetworkError, match=r"x: rails 2.0 .. 1.0 leave no room"):
+    with pytest.raises(NetworkError, match=r"x: limits 2.0 .. 1.0: expected low < high"):
         saturation(Network(cell=Cell(neurons=(limited,)), stages=1), 1.0)
 
 

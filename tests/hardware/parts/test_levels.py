@@ -120,7 +120,9 @@ def test_ideal_parts_have_no_rails_anywhere():
 
 @pytest.mark.parametrize("level", [BOARD, ota_c()], ids=lambda level: level.name)
 def test_a_corner_of_parts_without_transistors_is_refused_by_name(level):
-    with pytest.raises(NetworkError, match=f"process: {level.name} parts .* no corner, got 'ss'"):
+    with pytest.raises(
+        NetworkError, match=f"process: {level.name} parts .* no process corners, got 'ss'"
+    ):
         level.at(Conditions(process="ss"))
 
 

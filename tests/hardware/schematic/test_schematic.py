@@ -85,14 +85,17 @@ def test_levels_without_rails_say_which_has_them(level, reported):
 
 
 def test_rails_that_no_part_has_are_refused():
-    with pytest.raises(NetworkError, match="rails of x cannot be built: differential"):
+    with pytest.raises(NetworkError, match="saturation limits of x cannot be built: differential"):
         schematic_of(with_limits(), differential=True)
     network = synthesize(SUITE["double_integrator"].problem)
     dual = network.cell.duals[0].neuron
     neurons = [
         replace(n, limiter=Limiter(low=-1.0)) if n.name == dual else n for n in network.cell.neurons
     ]
-    with pytest.raises(NetworkError, match=f"rails of {dual} cannot be built: only an integrator"):
+    with pytest.raises(
+        NetworkError,
+        match=f"saturation limits of {dual} cannot be built: only a separate integrator",
+    ):
         schematic_of(replace(network, cell=replace(network.cell, neurons=tuple(neurons))))
 
 
@@ -101,7 +104,10 @@ def test_rails_that_no_part_has_are_refused():
 )
 def test_rails_of_coupled_neurons_without_rows_are_refused(kind):
     network = clamped_runs.with_limits(wired_with("double_integrator", kind), 0.15, "u")
-    reported = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others; .*rows"
+    reported = (
+        rf"saturation limits of u\.a cannot be built: .* the {kind.value} couples u\.a to others; "
+        ".*inequalities"
+    )
     with pytest.raises(NetworkError, match=reported):
         schematic_of(network)
 

@@ -143,7 +143,7 @@ def test_small_capacitors_between_resistors_that_are_given_are_told_of_with_thei
     smallest = circuit.ranges[1][0]
     assert smallest < 47e-12
     assert (
-        f"take resistors {47e-12 / smallest:.3g} times smaller, or a margin as many" in reported[0]
+        f"use resistors {47e-12 / smallest:.3g} times smaller, or a margin as many" in reported[0]
     )
 
 
@@ -151,7 +151,7 @@ def test_a_margin_that_is_given_is_kept():
     circuit, _, reported = made(level(farads=2e-9), bandwidth_margin=12.0)
     assert circuit.scaling.bandwidth_margin == 12.0
     assert circuit.ranges[1][0] < 2e-9
-    assert "for the 2e-09 F that strays ask for" in reported[0]
+    assert "for the 2e-09 F of parasitic capacitance" in reported[0]
 
 
 def test_what_is_given_and_rings_is_refused_with_what_would_not():
@@ -159,7 +159,7 @@ def test_what_is_given_and_rings_is_refused_with_what_would_not():
     network = neighbour_wired("double_integrator", 4)
     circuit, probe, _ = made(wanted)
     least = least_margin(circuit, wanted, probe.final)
-    meant = r"unstable .*margin 10; raise the margin to (?P<margin>\S+) or more, or take a "
+    meant = r"unstable .*margin 10; raise the margin to (?P<margin>\S+) or more, or use a "
     meant += r"smallest_resistor of (?P<ohms>\S+) ohm, for the 2e-11 F at every virtual ground"
     with pytest.raises(NetworkError, match=meant) as refusal:
         SpiceBackend(level=wanted, bandwidth_margin=10.0).run(network)
@@ -175,7 +175,7 @@ def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():
         NetworkError, match=r"^smallest_resistor: with 1e\+04 ohm the op amp of "
     ) as e:
         made(wanted)
-    ohms = float(str(e.value).partition("; take ")[2].split()[0])
+    ohms = float(str(e.value).partition("; use ")[2].split()[0])
     circuit, _, _ = made(replace(wanted, smallest_resistor=ohms))
     assert heaviest(circuit).amperes <= SHARE * 1e-4
 

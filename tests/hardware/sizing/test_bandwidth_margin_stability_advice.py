@@ -63,9 +63,7 @@ def test_smaller_resistors_and_a_larger_margin_are_named_together():
 @pytest.mark.slow
 def test_resistors_that_no_margin_suits_are_refused_with_some_that_do():
     level = presets.get("opa192_ad734")
-    with pytest.raises(
-        NetworkError, match="no margin makes the circuit stable; take a "
-    ) as refusal:
+    with pytest.raises(NetworkError, match="no margin makes the circuit stable; use a ") as refusal:
         built(replace(level, smallest_resistor=1e7))
     (ohms,) = numbers(str(refusal.value))
     cured = replace(level, smallest_resistor=ohms)
@@ -94,12 +92,12 @@ def test_where_nothing_helps_other_op_amps_do(monkeypatch):
     cases = [
         (level, meant, *built(level))
         for level, meant in (
-            (macro(Datasheet()), "take faster op amps"),
-            (presets.get("opa192_ad734"), "take op amps with less capacitance"),
+            (macro(Datasheet()), "use faster op amps"),
+            (presets.get("opa192_ad734"), "use op amps with less capacitance"),
         )
     ]
     monkeypatch.setattr(
         "ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_, **__: np.inf
     )
     for level, meant, circuit, x in cases:
-        assert cure(circuit, level, x) == f"no margin cures that; {meant}"
+        assert cure(circuit, level, x) == f"no margin is sufficient; {meant}"

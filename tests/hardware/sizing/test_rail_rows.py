@@ -164,7 +164,7 @@ def test_a_margin_with_which_long_waves_grow_is_refused_with_one_that_is_enough(
     """At 10 the circuit of the lander grows in ngspice, and its pole model is stable."""
     network = design(lander(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
     reported = (
-        r"margin: 10 is too small: .* resistive grid; take a margin of \d+ "
+        r"margin: 10 is too small: .* resistive grid; use a margin of \d+ "
         r".*PreconditionerKind.CYCLIC_REDUCTION"
     )
     with pytest.raises(NetworkError, match=reported):

@@ -214,5 +214,7 @@ def test_no_behavioural_source_is_written(kind, name):
 @pytest.mark.parametrize("kind", [Polynomial, Breakpoints])
 @pytest.mark.parametrize("units", [(0.0, 1.0), (1.0, np.nan), (np.inf, 1.0)])
 def test_units_that_make_no_sense_are_refused(kind, units):
-    with pytest.raises(NetworkError, match=r"^sin over -1.3 .. 1.3: sx, sy: expected units"):
+    with pytest.raises(
+        NetworkError, match=r"^sin over -1.3 .. 1.3: sx, sy: expected nonzero units"
+    ):
         subcircuit_of("curve", fitted(kind, "sin"), *units)

@@ -45,7 +45,9 @@ def test_a_program_that_cannot_be_started(stand_in, tmp_path):
 @on_linux
 def test_a_timeout_ends_the_process(ngspice, tmp_path):
     begin = time.monotonic()
-    with pytest.raises(SpiceTimeoutError, match=r"ended after 0\.5 s; often.*longer `timeout`"):
+    with pytest.raises(
+        SpiceTimeoutError, match=r"terminated after 0\.5 s; often.*longer `timeout`"
+    ):
         Ngspice(timeout=0.5, keep=tmp_path).run(ENDLESS)
     assert time.monotonic() - begin < 60.0  # it never ends by itself
     assert not working_in(tmp_path)

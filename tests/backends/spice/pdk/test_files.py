@@ -27,7 +27,7 @@ def test_continued_cards_are_joined_without_comments_and_includes(tmp_path):
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        (".control\nshell rm -rf /\n.endc", "has a card that models do not have, '.control'"),
+        (".control\nshell rm -rf /\n.endc", "has an unexpected card, '.control'"),
         ("V1 a 0 1", "has an unexpected card"),
         ("", "has no cards"),
         ("\0", "has an unexpected card"),
