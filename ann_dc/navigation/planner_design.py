@@ -3,13 +3,10 @@
 1. A first network is designed without obstacles.
 2. The network drives through a few worlds. Its inputs and states at contacts with obstacles are
    recorded.
-3. The closed-form gain rule is applied to all contacts so far together, with several penalty
-   factors. These networks, and all networks before them, restart the period of every contact. The
-   network with the least mean time is selected; a period that does not settle within the budget has
-   a high cost. The selected network drives through other worlds, and so on.
-
-Contacts of all worlds are kept. Periods that do not settle amplify rounding errors, so that the
-contacts of a single turn, and with them the gains, depend on the last digit of a rate.
+3. The closed-form gain rule is applied to all contacts together, with several penalty factors. Each
+   network, and the recording network, restarts the period of every contact. The network with the
+   least mean time is selected; a period that does not settle within the budget has a high cost. The
+   selected network drives through other worlds, and so on.
 
 The slow modes in contact are the costates of the position. If most controls are saturated, only the
 compliance of the constraints determines their common part, and the compliance must move many
@@ -145,15 +142,13 @@ def planner_for(
     planner = NetworkPlanner(planning=planning, network=first.network, radius=first.spectrum.radius)
     if worlds is None:
         worlds = [random_scenario(FIRST_SEED + i, robot=robot) for i in range(WORLDS)]
-    planners, contacts = [planner], list[_Contact]()
+    touched = False
     for turn in range(TURNS):
         scout = _Scout(planner)
         drive(worlds[turn::TURNS] or worlds, scout, progress=progress)
-        contacts += scout.contacts
-        if contacts:
-            planners += _by_gain_rule(planner, contacts)
-            planner = _best(planners, contacts, progress)
-    if not contacts:
+        if scout.contacts:
+            touched, planner = True, _best(planner, scout.contacts, progress)
+    if not touched:
         raise DesignError("robot: no contact with an obstacle in the scenarios of the design")
     return planner
 
@@ -210,35 +205,32 @@ def _spread(contacts: Sequence[_Contact], count: int) -> list[_Contact]:
     return [contacts[i] for i in chosen]
 
 
-def _by_gain_rule(planner: NetworkPlanner, contacts: Sequence[_Contact]) -> list[NetworkPlanner]:
-    """Return a planner per penalty factor, with gains for calm contacts, if any, or for all."""
+def _best(
+    planner: NetworkPlanner, contacts: Sequence[_Contact], progress: Progress
+) -> NetworkPlanner:
+    """Return the planner whose gains have the least mean settling time over all contacts.
+
+    The gains are computed from calm contacts, if any.
+    """
     calm = [contact for contact in contacts if contact.calm] or contacts
     points = [contact.point(planner.network) for contact in _spread(calm, POINTS)]
-    found = []
-    for penalty in PENALTIES:
-        gains = gains_of(points, GAIN_RULE, penalty)
-        radius = max(spectrum_with(point, gains).radius for point in points[::JUDGED])
-        found.append(replace(planner, network=apply_gains(planner.network, gains), radius=radius))
-    return found
-
-
-def _best(
-    planners: Sequence[NetworkPlanner], contacts: Sequence[_Contact], progress: Progress
-) -> NetworkPlanner:
-    """Return the planner with the least mean settling time over all contacts."""
     periods = _spread(contacts, PERIODS)
     inputs = {name: np.array([p.inputs[name] for p in periods]) for name in periods[0].inputs}
     begun = np.array([period.begun for period in periods])
-    times = []
-    for planner in planners:
-        times.append(_mean_time(planner, inputs, begun))
-        count = f"planner {len(times)} of {len(planners)}"
-        progress(f"{count}: mean time {times[-1]:.0f} tau_min in {len(periods)} contacts")
-    return planners[int(np.argmin(times))]
+    found = [(_mean_time(planner, inputs, begun), planner)]
+    for penalty in PENALTIES:
+        gains = gains_of(points, GAIN_RULE, penalty)
+        radius = max(spectrum_with(point, gains).radius for point in points[::JUDGED])
+        tried = replace(planner, network=apply_gains(planner.network, gains), radius=radius)
+        found.append((_mean_time(tried, inputs, begun), tried))
+        progress(
+            f"{len(periods)} contacts, penalty factor {penalty:g}: mean time {found[-1][0]:.0f}"
+        )
+    return min(found, key=lambda entry: entry[0])[1]
 
 
 def _mean_time(planner: NetworkPlanner, inputs: dict[str, np.ndarray], begun: np.ndarray) -> float:
-    """Return the mean settling time of contacts, in tau_min of the planner."""
+    """Return the mean settling time of contacts, in fastest time constants."""
     run = replace(planner, tolerance=SETTLED).run(inputs, begun, planner.budget)
     times = run.settling_times * planner.radius
     return float(np.where(run.settled, times, UNSETTLED * planner.budget).mean())
