@@ -169,7 +169,7 @@ def test_navigation(tmp_path):
     assert_drawn(result, 1)
     network, waypoint, printed = result["journeys"].values()
     assert not any(journey.collided for journey in network)
-    assert sum(journey.arrived for journey in network) >= 3  # 93 % of the journeys of many designs
+    assert sum(journey.arrived for journey in network) >= 8  # of 12: 90 to 95 % of 200 in the bench
     hurt = [sum(j.collided for j in journeys) for journeys in (network, waypoint, printed)]
     assert hurt == sorted(hurt)  # every leg that is left out is one that nobody planned
 
