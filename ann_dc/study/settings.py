@@ -408,15 +408,13 @@ def _check_run(field: str, name: str, met: set[str], given: set[str]) -> None:
     if name in ("run.order", "run.step") and "recurrent" not in met:
         raise StudyError(f"{field}: {name} applies to run.backend = 'recurrent' only")
     if name == "nonideal.noise" and "run.duration" not in given:
-        raise StudyError(
-            f"{field}: {name} depends on the duration of the run; set run.duration as well"
-        )
+        raise StudyError(f"{field}: {name} depends on run.duration; set it")
     if name == "run.method" and "ode" not in met:
         raise StudyError(f"{field}: {name} applies to run.backend = 'ode' only")
     if name == "run.duration" and "run.two_level" in given:
         raise StudyError(
-            f"{field}: {name} is a network time, which outer iterations of run.two_level do not "
-            "have; omit one of them"
+            f"{field}: {name} is a network time, which run.two_level does not have; omit one of "
+            "them"
         )
     if name == "run.limit" and "run.duration" in given:
         raise StudyError(f"{field}: a run with run.duration has no run.limit; omit it")
