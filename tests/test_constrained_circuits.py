@@ -387,7 +387,9 @@ def test_a_rail_holds_a_circuit_as_it_holds_the_network():
     "level", [levels.TRANSISTOR, levels.ota_c(), levels.macro(differential=True)]
 )
 def test_levels_without_rails_refuse_them_by_name(level):
-    with pytest.raises(NetworkError, match=f"limits of u.a are not supported at level {level.name}"):
+    with pytest.raises(
+        NetworkError, match=f"limits of u.a are not supported at level {level.name}"
+    ):
         SpiceBackend(level=level).prepare(network_of("limited control"))
     circuit, _ = prepared("limited control", MACRO)
     with pytest.raises(NetworkError, match="limits of"):
