@@ -69,7 +69,7 @@ class Remedy:
         """Description of the trial run from the start."""
         if self.settling < np.inf:
             return f"settles in {self.settling:.0f} tau_min"
-        return "has no trial run" if np.isnan(self.settling) else "does not settle, or later"
+        return "was not tested" if np.isnan(self.settling) else "does not settle, or settles later"
 
     def __str__(self) -> str:
         if np.isfinite(self.ratio):
@@ -150,8 +150,8 @@ class Diagnosis:
         best = max(compared, key=lambda remedy: remedy.gain, default=None)
         if best is not None and best.helps:
             return (
-                f"{best.change}: {best.gain:.2g} times faster near the optimum, but not selected, "
-                f"because it {best.outcome} from the initial guess"
+                f"{best.change}: {best.gain:.2g} times faster near the optimum, but not "
+                f"selected: from the initial guess it {best.outcome}"
             )
         preconditioner = "another preconditioner"
         if self.kind.is_stiffness:

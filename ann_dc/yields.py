@@ -39,7 +39,7 @@ class Yield:
     >>> print(Yield(passed=190, count=200, draws=100))  # each draw under two settings
     95.0 % (88.7 to 98.4 %, 190 of 200 from 100 draws)
     >>> print(Yield(passed=2, count=3, draws=0))
-    66.7 % (2 of 3, nothing drawn: no interval)
+    66.7 % (2 of 3, no random settings: no interval)
     >>> print(Yield(passed=95, count=100))
     95.0 % (88.7 to 98.4 %, 95 of 100)
     >>> Yield(passed=0, count=100).high < 0.04  # the rule of three

@@ -221,7 +221,7 @@ def kind_of(row: Found) -> str:
     words = row.effect.words
     if "ad73" in words or "ad83" in words:
         return "presets with 10 kohm"
-    apart = ("multiplier", "feedthrough", "insulator", "switch")
+    apart = ("multiplier", "feedthrough", "leakage", "switch")
     return "multipliers, capacitors, switches" if any(w in words for w in apart) else "op amps"
 
 

@@ -387,7 +387,9 @@ def test_a_rail_holds_a_circuit_as_it_holds_the_network():
     "level", [levels.TRANSISTOR, levels.ota_c(), levels.macro(differential=True)]
 )
 def test_levels_without_rails_refuse_them_by_name(level):
-    with pytest.raises(NetworkError, match=f"rails of u.a are not built at level {level.name}"):
+    with pytest.raises(
+        NetworkError, match=f"limits of u.a are not supported at level {level.name}"
+    ):
         SpiceBackend(level=level).prepare(network_of("limited control"))
     circuit, _ = prepared("limited control", MACRO)
     with pytest.raises(NetworkError, match="limits of"):
@@ -417,7 +419,7 @@ def test_a_rail_beyond_full_scale_is_not_built():
 def test_the_bill_has_the_parts_of_clamps_and_diodes():
     circuit, _ = prepared("limited control", MACRO)
     bought = [row.split(",") for row in bill_of(circuit, MACRO, EXACT).splitlines()]
-    clamp = {row[1] for row in bought if row[0] == "3" and row[-1] == "rail of u.a"}
+    clamp = {row[1] for row in bought if row[0] == "3" and row[-1] == "clamp of u.a"}
     assert {"x_lo_u_a", "x_hi_u_a", "d_lo_u_a", "c_hi_u_a", "v_hi_u_a"} <= clamp
     whole = float(circuit.capacitors["u.a"][3])
     farads = [

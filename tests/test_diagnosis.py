@@ -31,8 +31,8 @@ def test_it_fits_on_a_page(name):
     lines = str(diagnosis(name)).splitlines()
     assert len(lines) <= 25
     assert max(map(len, lines)) <= 110
-    assert lines[0].startswith(f"{designed(name).network.title}: ratio ")
-    assert lines[-1].startswith("so: ")
+    assert lines[0].startswith(f"{designed(name).network.title}: stiffness ratio ")
+    assert lines[-1].startswith("advice: ")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -74,7 +74,7 @@ def test_other_row_weights_are_told():
     (remedy,) = (r for r in found.remedies if r.compared)
     assert (remedy.change, remedy.ratio) == ("other row weights", 3.0)
     reported = with_ratio(replace(found, remedies=(replace(remedy, gain=10.0),)), 30.0)
-    assert reported.advice.startswith("other row weights, 10 times faster nearby")
+    assert reported.advice.startswith("other row weights: 10 times faster near the optimum")
 
 
 def test_reasons_name_the_row():
@@ -89,9 +89,9 @@ def test_reasons_name_the_row():
 
     component = row.neuron.partition(".")[2]
     weak = reason(dual_share=0.5, sensitivity=9.0)
-    assert weak.startswith(f"the row {component} is weakly reachable")
+    assert weak.startswith(f"constraint {component} is weakly reachable")
     assert f"{9 * row.penalty:.3g} along the mode, penalty {row.penalty:.3g}" in weak
-    assert f"on the row {component} is low for the curvature" in reason(
+    assert f"of constraint {component} is low for the curvature" in reason(
         dual_share=0.5, sensitivity=-9.0
     )
     assert slowest.leading[0] in reason(dual_share=0.0)
@@ -100,7 +100,7 @@ def test_reasons_name_the_row():
 
 def test_nothing_helps_near_the_limit():
     near = with_ratio(diagnosis("car"), 3.0)
-    assert near.advice.startswith("nothing: ")
+    assert near.advice.startswith("none: ")
     assert near.reason.startswith("none")
 
 
@@ -111,7 +111,7 @@ def test_advice_is_what_gains_most():
     worse = Remedy(change="smaller penalty", ratio=60.0, gain=0.5, compared=True)
     assert better.helps
     assert not worse.helps
-    assert replace(found, remedies=(better, worse, *exact)).advice.startswith("more penalty, 3 ")
+    assert replace(found, remedies=(better, worse, *exact)).advice.startswith("larger penalty: 3 ")
     other = replace(found, remedies=(worse, *exact), kind=PreconditionerKind.MULTILEVEL)
     assert other.advice.startswith("another preconditioner")
     assert replace(other, kind=PreconditionerKind.RESISTIVE_GRID).advice.startswith(
@@ -121,12 +121,16 @@ def test_advice_is_what_gains_most():
 
 @pytest.mark.parametrize(
     ("settling", "outcome"),
-    [(120.4, "settles in 120 fast"), (np.inf, "does not settle, or later"), (np.nan, "was not")],
+    [
+        (120.4, "settles in 120 tau_min"),
+        (np.inf, "does not settle, or settles later"),
+        (np.nan, "was not"),
+    ],
 )
 def test_what_was_passed_over_has_an_outcome(settling, outcome):
     found = with_ratio(diagnosis("car"), 30.0)
     better = Remedy(change="resistive grid", ratio=3.0, gain=10.0, compared=True, settling=settling)
-    assert f"from the start it {outcome}" in replace(found, remedies=(better,)).advice
+    assert f"from the initial guess it {outcome}" in replace(found, remedies=(better,)).advice
 
 
 def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
@@ -137,12 +141,13 @@ def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
     reported = with_ratio(
         replace(found, slowness=low, remedies=remedies, kind=PreconditionerKind.MULTILEVEL), 30.0
     )
-    assert reported.advice == "another preconditioner with 6 times the penalties; not alone"
+    assert reported.advice == (
+        "another preconditioner with 6 times the penalties; neither is sufficient alone"
+    )
     high = replace(reported.slowness, lowest=0.0)
     assert HELPS * high.exact_ratio() < 30.0
     assert (
-        replace(reported, slowness=high).advice
-        == "another preconditioner; more penalty then takes the rest"
+        replace(reported, slowness=high).advice == "another preconditioner; then larger penalties"
     )
 
 

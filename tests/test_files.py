@@ -57,7 +57,7 @@ def test_a_pipe_is_written_to_directly():
 def test_a_file_where_a_folder_is_needed(tmp_path):
     (tmp_path / "taken").write_bytes(b"kept")
     for folder in (tmp_path / "taken", tmp_path / "taken" / "deeper"):
-        with pytest.raises(OutputError, match=r"taken.*\(a file stands where a folder is needed\)"):
+        with pytest.raises(OutputError, match=r"taken.*\(a file has the name of the folder\)"):
             make_folder(folder)
     assert make_folder(tmp_path / "a" / "b").is_dir()
 
@@ -75,12 +75,12 @@ def test_what_cannot_be_read_is_told_with_the_remedy(tmp_path):
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="needs files of unknown size")
 def test_a_file_that_does_not_say_its_size_is_refused():
-    with pytest.raises(FileFormatError, match="has more bytes than it says; give another"):
+    with pytest.raises(FileFormatError, match="has more bytes than its size states; use another"):
         read_whole("/proc/self/stat", limit=10_000, remedy="use another")
 
 
 def test_a_name_that_no_file_can_have_is_told():
-    with pytest.raises(FileFormatError, match=r"cannot be read \(File name too long\); give"):
+    with pytest.raises(FileFormatError, match=r"cannot be read \(File name too long\); use"):
         read_whole("a" * 5000, limit=10, remedy="use another")
 
 
@@ -201,9 +201,9 @@ def test_a_file_is_written_bit_by_bit_or_stays_as_it_was(tmp_path):
 def test_a_second_one_is_refused_with_the_name_of_the_first(tmp_path):
     file = tmp_path / "lock"
     first = Lock(file)
-    with pytest.raises(OutputError, match=f"process {os.getpid()} on .* at work on this folder"):
+    with pytest.raises(OutputError, match=f"process {os.getpid()} on .* writing to this folder"):
         Lock(file)
-    with pytest.raises(StoreError, match="at work on this study"):
+    with pytest.raises(StoreError, match="writing to this study"):
         Lock(file, on="this study", error=StoreError)
     first.release()
     Lock(file).release()

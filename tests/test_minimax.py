@@ -149,7 +149,7 @@ def test_what_objectives_exclude_is_refused_by_name():
     with pytest.raises(NetworkError, match="shared by all cells"):
         ann_dc.RecurrentBackend(order=ann_dc.STAGE_BY_STAGE).run(network)
     with pytest.raises(
-        NetworkError, match=r"J\.effort.* shared by all cells is not built at level ota-c"
+        NetworkError, match=r"J\.effort.* shared by all cells is not supported at level ota-c"
     ):
         ann_dc.SpiceBackend(level=ann_dc.levels.ota_c()).run(network)
 

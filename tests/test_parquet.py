@@ -30,5 +30,7 @@ def test_failed_block_leaves_an_existing_file_unchanged(tmp_path):
 
 def test_missing_pyarrow_is_named_with_purpose_and_alternative(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(PyarrowMissing, match=r"^export: .*'ann-dc\[study\]'; CSV needs nothing$"):
+    with pytest.raises(
+        PyarrowMissing, match=r"^export: .*'ann-dc\[study\]'; CSV does not need it$"
+    ):
         pyarrow_modules("export", "CSV does not need it")

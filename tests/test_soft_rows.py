@@ -254,7 +254,7 @@ def test_what_is_exceeded_is_told_and_kept(tmp_path):
     assert asdict(again.certificate.soft_rows) == asdict(solution.certificate.soft_rows)
     assert solution.as_dict()["soft_rows"]["worst"] == "v_high"
     assert r"\min(1.0, \max(0, " in as_latex(solution.equations)
-    assert "soft (1 a unit, compliance 0.02)" in str(solution.equations)
+    assert "soft (1 per unit, compliance 0.02)" in str(solution.equations)
 
 
 def test_a_start_outside_of_a_soft_bound():

@@ -40,7 +40,7 @@ def test_interval_of_samples_that_share_draws_is_that_of_the_draws():
     assert Yield(passed=54, count=60).low > thrice.low
     none = Yield(passed=5, count=5, draws=0)
     assert np.isnan(none.interval).all()
-    assert str(none) == "100.0 % (5 of 5, nothing drawn: no interval)"
+    assert str(none) == "100.0 % (5 of 5, no random settings: no interval)"
 
 
 def test_what_is_missing_keeps_no_limit():

@@ -95,7 +95,7 @@ def size_in_words(end: np.ndarray, reach: float, offsets: str = "") -> str:
     Examples
     --------
     >>> size_in_words(np.array([2.0, -3.0]), 10.0)
-    'the largest one'
+    'the largest control'
     >>> size_in_words(np.array([1e-9]), 6.0)
     '1% of the largest magnitude of the controls on their way (they settle near zero)'
     >>> size_in_words(np.array([0.0]), 0.0)

@@ -128,7 +128,7 @@ class Multistart:
     >>> found = multistart(plants.double_integrator(N=5), 4)
     >>> print(found)
     double_integrator (N = 5): 1 certified optimum from 4 starts
-      objective  starts   share  by the frozen network
+      objective  starts   share      with fixed gains
             500       4    100%                      4
     """
 
@@ -224,7 +224,7 @@ class Multistart:
             f"{self.problem.name} (N = {self.problem.horizon}): {len(self) or 'no'} certified "
             f"{optima} from {counted(len(self.starts), 'starts')}"
         ]
-        lines += ["  objective  starts   share  with fixed gains"] if self.optima else []
+        lines += ["  objective  starts   share      with fixed gains"] if self.optima else []
         lines += [
             f"{o.objective:11.6g} {o.count:7d} {o.share:7.0%} {o.frozen:22d}" for o in self.optima
         ]

@@ -411,8 +411,8 @@ def _check_run(field: str, name: str, met: set[str], given: set[str]) -> None:
         raise StudyError(f"{field}: {name} applies to run.backend = 'ode' only")
     if name == "run.duration" and "run.two_level" in given:
         raise StudyError(
-            f"{field}: {name} is a network time, which outer iterations of run.two_level do not "
-            "have; omit one of them"
+            f"{field}: {name} is a network time, which run.two_level does not have; omit one of "
+            "them"
         )
     if name == "run.limit" and "run.duration" in given:
         raise StudyError(f"{field}: a run with run.duration has no run.limit; omit it")

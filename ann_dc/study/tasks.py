@@ -58,7 +58,7 @@ def attempted(work: Work, task: Task) -> Attempt:
     >>> attempted(work, Task((Point(3, {}, 7),))).outcome
     ''
     >>> attempted(work, Task((Point(4, {}, 7),))).message
-    'the work gave rows of other points than it was asked for: [3]'
+    'the task returned records of other cases: [3]'
     """
     began = time.monotonic()
     try:

@@ -133,7 +133,7 @@ def differences(said: Prediction, run: CircuitRun) -> tuple[float, float]:
 
 def names_a_cure(refusal: str) -> bool:
     """Whether a refusal says what would make it work."""
-    return any(cure in refusal for cure in ("take ", "raise ", "give it ", "design "))
+    return any(cure in refusal for cure in ("use ", "raise ", "give it ", "design "))
 
 
 def made(plant: str, preset: str, network: Network) -> Figure:

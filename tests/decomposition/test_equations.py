@@ -114,5 +114,5 @@ def test_a_free_start_needs_its_first_stage(name):
 
 @pytest.mark.parametrize("form", [*map(switch, ("S4", "S6", "S17")), PRINTED], ids=str)
 def test_a_dt_that_is_chosen_cannot_be_left_out(form):
-    with pytest.raises(FormError, match=r"S4, S6, S17: .* which this problem chooses|S11, S15"):
+    with pytest.raises(FormError, match=r"S4, S6, S17: .* which this problem determines|S11, S15"):
         decompose(problem(dt=StepLength(low=0.1)), form)

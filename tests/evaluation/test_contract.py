@@ -387,7 +387,7 @@ def test_a_bus_is_no_wire_to_a_neighbour(connections):
 
 def test_shared_neurons_read_each_other_in_their_own_cell():
     square = (Product(name="s", a="y", b="x"),)
-    with pytest.raises(NetworkError, match="y: what all cells send to it"):
+    with pytest.raises(NetworkError, match="y: the inputs from all cells"):
         evaluator(shared_row(wire("s", "y"), blocks=square))
     evaluator(shared_row(wire("s", "y", [0.0, 0.0, 1.0]), blocks=square))
 

@@ -73,7 +73,7 @@ OTHERS = {
         ),
         "other fixed",
     ),
-    "inputs": (lambda: network().with_inputs({"q_d.x": 9.0}), "q_d.x; give them to run_batch"),
+    "inputs": (lambda: network().with_inputs({"q_d.x": 9.0}), "q_d.x; pass them to run_batch"),
     "start": (lambda: replace(network(), start={}), "other start than the first"),
 }
 
@@ -105,7 +105,7 @@ def test_what_is_no_number_of_the_network_is_refused():
         replace(numbers, rates=numbers.rates[0])
     with pytest.raises(NetworkError, match="samples and stages differ"):
         Numbers(weights=numbers.weights, rates=numbers.rates[:, :, 1:])
-    with pytest.raises(NetworkError, match="numbers: weights of a network of another wiring"):
+    with pytest.raises(NetworkError, match="numbers: weights of a network with another wiring"):
         numbers.check(small("unicycle"))
     with pytest.raises(NetworkError, match="expected positive rates for neurons of"):
         replace(numbers, rates=np.abs(numbers.rates) * 0).check(network())

@@ -89,7 +89,7 @@ def test_another_vector_is_refused(exported, key):
 def test_a_vector_of_another_network_is_refused():
     vector = reference_vector(designed("double_integrator").network)
     for files, _, _ in WAYS.values():
-        with pytest.raises(ExportError, match="vector: it is another network's than 'car'"):
+        with pytest.raises(ExportError, match="vector: belongs to another network than 'car'"):
             files(small("car"), vector)
 
 

@@ -43,5 +43,5 @@ def test_without_the_control_jacobian_the_plan_is_straight(shown):
 
 
 def test_the_plain_network_leaves_the_optimum(shown):
-    assert shown["plain D=1"].remark.startswith("started 1% off the optimum")
+    assert shown["plain D=1"].remark.startswith("started 1% from the optimum")
     assert not shown["plain D=1"].solution.status.settled

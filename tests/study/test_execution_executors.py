@@ -85,7 +85,7 @@ def test_a_point_that_kills_and_one_that_hangs(client, store, tmp_path, limit):
     assert found[2] == ("failed", "ZeroDivisionError: division by zero")
     if limit:
         assert found[1][1] == "its process was ended by signal 9 (Killed)"
-        assert found[4] == ("timed out", "2 s were over (limit)")
+        assert found[4] == ("timed out", "the time limit of 2 s expired")
     assert [found[point.number][0] for point in asked if point.setting["does"] == "good"] == [
         "settled"
     ] * 3

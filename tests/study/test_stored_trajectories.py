@@ -41,7 +41,7 @@ def bomb():
 
 @pytest.mark.parametrize("content", [b"", b"PK", GOOD[:-5], pickled(), bomb()])
 def test_what_is_no_file_of_curves(content):
-    with pytest.raises(StoreError, match=r"curves: what is stored is no \.npz file of numbers"):
+    with pytest.raises(StoreError, match=r"curves: expected a stored \.npz file of numbers"):
         unpacked(content)
 
 

@@ -41,5 +41,5 @@ def test_another_coordinator_is_refused_by_name():
 def test_outer_iterations_have_no_duration(vary):
     settings = {"run.two_level": "newton", "run.duration": 10.0}
     fixed = {name: value for name, value in settings.items() if name != vary}
-    with pytest.raises(StudyError, match=r"run\.duration is a network time, which outer iter"):
+    with pytest.raises(StudyError, match=r"run\.duration is a network time, which run.two_level"):
         ann_dc.Study(subject="car", vary={vary: [settings[vary]]}, fixed=fixed, metrics=["steps"])

@@ -58,13 +58,13 @@ def test_progress_is_told(monkeypatch):
     meaning, of_code = [], []
     RECURRENT.layer(short("unicycle")).settle(progress=meaning.append)
     assert len(meaning) > 3
-    assert all(re.fullmatch(r"step \d+: 1 of 1 samples run on", line) for line in meaning)
+    assert all(re.fullmatch(r"step \d+: 1 of 1 samples still run", line) for line in meaning)
     monkeypatch.setattr("ann_dc.backends.lane_batch.ATTEMPTS", 10)
     replace(RECURRENT, progress=of_code.append).run(short("unicycle"))
     assert len(of_code) > 3
-    reported = r"step \d+, KKT residual \d\.\de[+-]\d+: 1 of 1 samples run on"
+    reported = r"step \d+, KKT residual \d\.\de[+-]\d+: 1 of 1 samples still run"
     others = [line for line in of_code if not re.fullmatch(reported, line)]
-    assert set(others) <= {"0 of 1 samples run on"}
+    assert set(others) <= {"0 of 1 samples still run"}
     assert len(others) < len(of_code) - 3
 
 

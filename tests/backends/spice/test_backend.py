@@ -145,7 +145,7 @@ def test_settling_scales_with_the_bandwidth():
 @needs_ngspice
 def test_rails_that_clip_are_told():
     """A clipped circuit settles quietly to a wrong point."""
-    with pytest.raises(NetworkError, match=r"clip at 0.7 V.*take at most 0.63 V"):
+    with pytest.raises(NetworkError, match=r"clip at 0.7 V.*use at most 0.63 V"):
         SpiceBackend(level=macro(a0=1e5, output_swing=0.7)).run(neighbour_wired("car"))
     circuit, probe = SpiceBackend(level=macro(a0=1e5)).prepare(neighbour_wired("car"))
     tight = SpiceBackend(level=macro(a0=1e5, output_swing=0.7), require_stable=False)
@@ -154,7 +154,7 @@ def test_rails_that_clip_are_told():
     assert run.control_error > 1e-2
     assert any("good for 0.63 V" in str(overload) for overload in run.overloads)
     high = SpiceBackend(level=BEHAVIOURAL, headroom=1.01).run(neighbour_wired("car"))
-    assert "above 0.95 V; without rails it does not clip" in str(high.overloads[0])
+    assert "above 0.95 V; the model does not clip" in str(high.overloads[0])
 
 
 # ---- names ---------------------------------------------------------------------------------------
@@ -232,5 +232,7 @@ def test_a_circuit_that_only_exact_parts_keep_from_ringing_is_told_so():
     network = design(synthesize(plants.two_link_arm(N=3)), gain_rule=DIAGONAL_RULE).network
     backend = SpiceBackend(level=macro(), series=E12, bandwidth_margin=9.5)
     circuit, probe = backend.prepare(network)
-    with pytest.raises(NetworkError, match=r"take closer ones, or raise the margin above 9\.5"):
+    with pytest.raises(
+        NetworkError, match=r"use parts with smaller tolerances, or raise the margin above 9\.5"
+    ):
         simulate(backend, circuit, probe)

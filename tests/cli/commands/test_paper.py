@@ -28,7 +28,7 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     assert [len(reported[case]["lambda"]) for case in reported if "obstacles" in case] == [5, 4]
     assert reported["(28)-(30), (33) printed"]["theta"][0][-1] > 1e6
     assert re.search(r"neuron\s+\w+\[\d\]\.\w+\s+reached|left the domain of", text)
-    assert "started 1% off the optimum" in text
+    assert "started 1% from the optimum" in text
     assert "398.6315" in text
     assert "368.1893" in text
     assert "rho = 0" in text

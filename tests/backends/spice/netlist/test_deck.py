@@ -69,7 +69,7 @@ def test_deck_length_is_linear_in_the_horizon():
         network = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
         circuit, probe = SpiceBackend().prepare(network)
         text = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1])).text
-        lengths[n] = len(text[text.index("* ---- the row") :])
+        lengths[n] = len(text[text.index("* ---- cell array") :])
     assert (lengths[40] - lengths[20]) / (lengths[20] - lengths[10]) == pytest.approx(2, rel=0.1)
 
 

@@ -103,7 +103,7 @@ def test_an_analysis_that_was_given_up():
         with pytest.raises(EndedEarlyError, match=rf"aborted at time {'1.5' if cut else '2'}$"):
             read_raw(content[: len(content) - cut])
     content = text(["time"], np.ones((9, 1))).replace(b"Points: 9", b"Points: 0")
-    with pytest.raises(EndedEarlyError, match=r"'Transient Analysis' was given up$"):
+    with pytest.raises(EndedEarlyError, match=r"'Transient Analysis' was aborted$"):
         read_raw(content)
 
 
