@@ -21,6 +21,9 @@ T = TypeVar("T")
 Table = Mapping[str, Any] | Callable[[], Mapping[str, Any]]
 
 UNIONS = (typing.Union, types.UnionType)
+KEPT = "kept as given"
+"""Marker in an ``Annotated`` hint of words that the function itself converts."""
+
 _CONTAINERS = (abc.Iterable, abc.Sequence, abc.Collection, tuple, list)
 
 
@@ -113,7 +116,7 @@ def adapter(name: str, hint: Any, error: type[Exception]) -> Callable[[Any], Any
 
     ``error`` is raised for an unknown word.
     """
-    fit, kinds = _container(hint), [kind for kind, *_ in parts(hint)]
+    fit, kinds = _container(hint), [kind for kind, *marks in parts(hint) if KEPT not in marks]
     alone = _declared(kinds)
     items = _declared(
         part

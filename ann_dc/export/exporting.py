@@ -184,7 +184,7 @@ def _exported(
         version=ann_dc.__version__,
         wiring=vector.wiring,
         content=vector.content,
-        settings=own,
+        settings={key: getattr(value, "name", value) for key, value in own.items()},
         files=hashes_of(files),
     )
     _write_locked(folder, files, index)

@@ -7,7 +7,7 @@ with resistors of a series or drawn errors once more.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import NEAR
 from ann_dc.fidelity.circuit_instance import CircuitInstance
-from ann_dc.fidelity.error_budget import Item, budget, sensitivity
+from ann_dc.fidelity.error_budget import Item, budget, sensitivity, shares_by_kind
 from ann_dc.fidelity.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
@@ -32,11 +32,13 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, rounded_to_series
 from ann_dc.hardware.circuit.loads import load_power
+from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, silent
+from ann_dc.summaries import summarised
 from ann_dc.validation import checked
 
 ANALYSES = {
@@ -190,6 +192,14 @@ def measured_runs(
     ]
 
 
+@summarised(
+    lambda self: {
+        "circuit": self.circuit,
+        "simulated": self.run is not None,
+        "predicted": self.prediction is not None or self.waveforms is not None,
+        "within tolerance": self.within_tolerance,
+    }
+)
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitStudy:
     """Circuit with its predicted and simulated results.
@@ -220,6 +230,8 @@ class CircuitStudy:
         Description of the size to which errors and noise of the controls refer.
     items : tuple of Item
         Error budget, worst first; empty if not requested.
+    budget_shares : mapping of Kind to float
+        Fraction of the variance by kind of error, of all lines of the budget.
     samples : (S,) array
         Predicted control errors of circuits drawn from the tolerances of the level.
     demand, undemanded : PreconditionerDemand or None, str
@@ -247,6 +259,7 @@ class CircuitStudy:
     undemanded: str = ""
     loops: tuple[LoopGain, ...] = ()
     unlooped: str = ""
+    budget_shares: Mapping[Kind, float] = field(default_factory=dict)
 
     @property
     def within_tolerance(self) -> bool:
@@ -379,7 +392,7 @@ def study_circuit(
     op_amps = level.emulated and not isinstance(level.technology, OtaC)
     unlooped = why_no_loops(built.emulation) if loops and op_amps else ""
     margins = _loops(backend, built)[:loops] if loops and not unlooped else ()
-    worst = _budget(backend, nominal)[:items] if items else ()
+    worst = _budget(backend, nominal) if items else ()
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
@@ -412,7 +425,8 @@ def study_circuit(
         raise_full_scale=level.full_scale < KNEE * level.limit / 1.2,
         noise=noise,
         size=probe.measured_in(units or {}).size_in_words,
-        items=worst,
+        items=worst[:items],
+        budget_shares=shares_by_kind(worst),
         samples=drawn,
         demand=demand,
         undemanded=undemanded,

@@ -9,6 +9,7 @@ deviation sigma add up as variances, over all cells and parts,
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,7 +128,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
 
 @checked
 def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, ...]:
-    """Return the error budget of all parameters, largest contribution first.
+    """Return the error budget of all parameters, largest fraction of the variance first.
 
     The fractions of its lines add up to one. Kinds of errors of size zero are omitted.
 
@@ -168,7 +169,15 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
         for p in found.parameters
         if p.name in variances
     ]
-    return tuple(sorted(items, key=lambda item: -item.error))
+    return tuple(sorted(items, key=lambda item: (-item.share, -item.error)))
+
+
+def shares_by_kind(items: Iterable[Item]) -> dict[Kind, float]:
+    """Return the fractions of the variance of the worst control, added up by kind of error."""
+    total: dict[Kind, float] = {}
+    for item in items:
+        total[item.parameter.kind] = total.get(item.parameter.kind, 0.0) + item.share
+    return total
 
 
 def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.run import Run
-from ann_dc.backends.status import Outcome
+from ann_dc.backends.status import DAMPING, Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
@@ -25,6 +25,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.si_prefixes import engineering
 from ann_dc.validation import checked
 
 LARGEST = 6000
@@ -196,7 +197,7 @@ def _timed(reported: Prediction, instance: CircuitInstance, run: Run) -> Predict
     if lost := other_equilibrium_of(instance, run):
         return replace(reported, other_equilibrium=lost, unknown=lost)
     if not run.status.settled:
-        open_end = f"its transient {run.status}"
+        open_end = slew_limited(instance) or f"its transient {_told(run)}"
         return replace(reported, other_equilibrium=open_end, unknown=open_end)
     return replace(reported, settling_time=settling_of(instance, run))
 
@@ -278,7 +279,9 @@ def _cure(instance: CircuitInstance, limits: Mapping[tuple[str, int], float]) ->
     free = replace(instance, level=replace(level, datasheet=endless))
     run = transient_of(free)
     if not run.status.settled:
-        return f"more headroom does not help: without output limits, its transient {run.status}"
+        if slow := slew_limited(free):
+            return f"without output limits, {slow}"
+        return f"more headroom does not help: without output limits, its transient {_told(run)}"
     network, final = free.moving.network, free.moving.network.unpack(run.trajectory.final)
     share = max(
         abs(final[network.neuron_index[name], stage]) / rail
@@ -292,6 +295,30 @@ def _cure(instance: CircuitInstance, limits: Mapping[tuple[str, int], float]) ->
     return (
         f"use more headroom or a smaller full scale: {1.1 * share:.2g} times the headroom is "
         "sufficient"
+    )
+
+
+def _told(run: Run) -> str:
+    """Return the status without advice on the weights, which a designed network determines."""
+    return str(run.status).removesuffix(f"; {DAMPING}")
+
+
+def slew_limited(instance: CircuitInstance) -> str:
+    """Return the slew rate as the cause of a transient that does not settle, with a remedy.
+
+    The clause is empty if the transient does not settle without slew limits either.
+    """
+    level, scaling = instance.level, instance.circuit.scaling
+    slew = level.datasheet.slew
+    if not np.isfinite(slew):
+        return ""
+    endless = replace(level, datasheet=replace(level.datasheet, slew=np.inf))
+    if not transient_of(replace(instance, level=endless)).status.settled:
+        return ""
+    return (
+        f"the slew rate of {engineering(slew, 'V/s', 3)} prevents it from settling (without slew "
+        f"limits it settles); raise the bandwidth margin above {scaling.bandwidth_margin:.3g} "
+        "(--bandwidth-margin), reduce the full scale, or use op amps with a higher slew rate"
     )
 
 

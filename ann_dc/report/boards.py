@@ -19,6 +19,7 @@ from ann_dc.fidelity.boards.trimming import DRAWN, Trimming
 from ann_dc.fidelity.boards.yields import CircuitYield, Spot
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.fidelity.noise_run import noisy
+from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.report.circuit import assumed, parts_in_words
 from ann_dc.report.json_file import picked, write_json
 from ann_dc.report.tables import named_rows, table, verdict_text
@@ -364,7 +365,11 @@ class TrimTable:
             return verdict_text(True, said)
         if found.kept.high >= found.share and found.kept.passed:
             return Text(f"undecided: {said}; draw more (--samples)", "yellow")
-        return verdict_text(False, f"{said}: use better resistors or parts")
+        series, level = self.backend.series, self.backend.level
+        coarse = series.largest_error > level.tolerances.size(Kind.RESISTOR)
+        means = f"{series.name} rounds by up to {series.largest_error:.1%}; use --series E96-pairs"
+        advice = means if coarse else "use better resistors or parts"
+        return verdict_text(False, f"{said}: {advice}")
 
     def _emulated(self) -> str:
         found = self.found

@@ -53,6 +53,8 @@ OTHER_EQUILIBRIA, LEAKS = 10e-12, 10e6
 """Farads below which parasitic capacitance matters, and ohms above which board leakage matters."""
 VOLTS = 16
 """Largest number of outputs whose volt is listed."""
+EXACT = "exact (no tolerance known): they do not contribute to the spread of settling times"
+"""Remark on capacitors of parts that have other tolerances."""
 KEPT = 1e-6
 """Relative constraint residual above which the report states a violation."""
 
@@ -129,7 +131,8 @@ class CircuitReport:
         found, level, cost = self.found, self.backend.level, self.found.cost
         written, scaling, run = found.deck, found.circuit.scaling, found.run
         parts = ", ".join(counted(count, name) for name, count in written.parts.items())
-        power = f"; {engineering(cost.power, 'W', 3)}"
+        power = f"; {engineering(cost.power - cost.loads, 'W', 3)} quiescent"
+        power += f" + {engineering(cost.loads, 'W', 3)} loads" * bool(cost.loads)
         if math.isfinite(cost.energy):
             power += f", {engineering(cost.energy, 'J', 3)} per solution"
         return {
@@ -307,7 +310,9 @@ class CircuitReport:
         if found.unlooped:
             rows["loop gains"] = f"not computed: {found.unlooped}"
         if len(found.samples):
-            rows |= {"drawn circuits": self._drawn(), **assumed(self.backend.level)}
+            rows |= {"drawn circuits": self._drawn()}
+        if found.items or len(found.samples):
+            rows |= assumed(self.backend.level)
         return rows
 
     def _drawn(self) -> str:
@@ -331,6 +336,9 @@ class CircuitReport:
             "error budget (standard deviation of one part in all cells): error of the most "
             "affected control, fraction of the variance of the circuit's worst control"
         )
+        totals = sorted(self.found.budget_shares.items(), key=lambda total: -total[1])
+        by_kind = ", ".join(f"{kind.parts} {share:.1%}" for kind, share in totals)
+        shown.caption = f"variance of all parts by kind: {by_kind}"
         for item in self.found.items:
             volts = item.parameter.kind.unit == "V"
             size = f"{item.size * 1e3:.3g} mV" if volts else f"{item.size:.2%}"
@@ -378,6 +386,7 @@ class CircuitReport:
             "loops": [asdict(loop) for loop in found.loops],
             "unlooped": found.unlooped,
             "budget": [item.as_dict() for item in found.items],
+            "budget_shares": {k.value: share for k, share in found.budget_shares.items()},
         }
 
     def _prediction(self) -> dict | None:
@@ -438,13 +447,18 @@ def _microseconds(run: CircuitRun) -> str:
 
 
 def assumed(level: Level) -> dict[str, str]:
-    """Return a row with the assumed tolerances if the level does not state any.
+    """Return a row with the assumed tolerances, or of exact capacitors, if there are such.
+
+    The row of the capacitors is that of parts whose tolerances are known.
 
     >>> from ann_dc.hardware.parts import macro, presets
     >>> assumed(macro()).keys(), assumed(presets.get("opa192_ad734")).keys()
-    (dict_keys(['assumed']), dict_keys([]))
+    (dict_keys(['assumed']), dict_keys(['capacitors']))
     """
-    return {} if level.datasheet.tolerances is not None else {"assumed": str(level.tolerances)}
+    if level.datasheet.tolerances is None:
+        return {"assumed": str(level.tolerances)}
+    is_exact = not level.tolerances.capacitor and not level.transistors
+    return {"capacitors": EXACT} if is_exact else {}
 
 
 def parts_in_words(backend: SpiceBackend) -> str:

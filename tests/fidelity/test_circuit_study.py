@@ -181,7 +181,7 @@ def test_loops_that_take_too_long_cost_nothing_else(monkeypatch):
     monkeypatch.setattr(module, "LARGEST", 10)
     found = study_circuit(network(), SpiceBackend(level=macro()), loops=1, simulated=False)
     assert found.loops == ()
-    assert "neurons, and loop gains are computed up to 10" in found.unlooped
+    assert "neurons, but loop gains are computed up to 10" in found.unlooped
     assert found.prediction is not None
     with pytest.raises(NetworkError, match="ota-c circuits have no op amps"):
         study_circuit(network(), SpiceBackend(level=ota_c()), loops=1, simulated=False)
@@ -191,3 +191,10 @@ def test_loops_that_cannot_be_had_are_refused_before_ngspice_runs(monkeypatch, t
     monkeypatch.setenv("PATH", str(tmp_path))  # no ngspice there
     with pytest.raises(NetworkError, match="ota-c circuits have no op amps"):
         study_circuit(network(), SpiceBackend(level=ota_c()), loops=1)
+
+
+def test_a_study_with_a_budget_adds_up_its_kinds_and_is_short_in_print():
+    study = study_circuit(network(), SpiceBackend(level=macro()), items=2, simulated=False)
+    assert len(study.items) == 2
+    assert sum(study.budget_shares.values()) == pytest.approx(1)
+    assert len(repr(study)) < 300

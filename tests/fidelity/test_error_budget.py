@@ -90,7 +90,7 @@ def test_an_item_is_one_parameter_in_all_its_cells():
 def test_shares_add_up_and_the_worst_comes_first():
     items = budget(found())
     assert sum(item.share for item in items) == pytest.approx(1)
-    assert [item.error for item in items] == sorted((i.error for i in items), reverse=True)
+    assert [item.share for item in items] == sorted((i.share for i in items), reverse=True)
     assert {item.parameter.name for item in items} == {p.name for p in found().parameters}
     assert not [item for item in items if item.parameter.kind.value == "capacitor"]
     worst = total_error(found()) ** 2  # of one control; an item tells of the one it hurts most

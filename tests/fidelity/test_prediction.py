@@ -239,6 +239,22 @@ def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, cli
         predict(instance.circuit, PARTS, instance.probe, instance.deviations)
 
 
+def test_a_slew_rate_that_prevents_settling_is_named_with_a_sufficient_remedy():
+    """Op amps of 2 V/us follow 8 V at a margin of 30; at 10 they settle without slew limits."""
+    network = design(synthesize(plants.double_integrator(N=5)), gain_rule=DIAGONAL_RULE).network
+    level = replace(macro(a0=2e5, slew=2e6, output_swing=13.0), full_scale=8.0)
+    slow, fast = (
+        study_circuit(
+            network, SpiceBackend(level=level, bandwidth_margin=margin), simulated=False
+        ).prediction
+        for margin in (None, 30.0)
+    )
+    assert "the slew rate of 2 MV/s prevents it from settling" in slow.other_equilibrium
+    assert "bandwidth margin above 10" in slow.other_equilibrium
+    assert "damp it" not in slow.other_equilibrium
+    assert np.isfinite(fast.settling_time)
+
+
 def test_the_headroom_that_is_told_would_do():
     """It settles at sqrt(1 - share), which is beyond the rails."""
     found, _ = off_by(-3.0, start=0.5)

@@ -10,7 +10,7 @@ from ann_dc.hardware.parts.levels import macro
 from ann_dc.report.boards import TrimTable
 
 
-def shown(after):
+def shown(after, **given):
     errors = np.array(after)
     found = Trimming(
         error=0.05,
@@ -23,7 +23,7 @@ def shown(after):
         before=errors,
         after=errors,
     )
-    table = TrimTable(found=found, backend=SpiceBackend(level=macro()))
+    table = TrimTable(found=found, backend=SpiceBackend(level=macro(), **given))
     console = Console(width=200)
     with console.capture() as said:
         console.print(*table.tables())
@@ -54,4 +54,11 @@ def test_as_many_as_were_asked_for_keep_it():
     assert "draw more (--samples)" in words
     worse, words = shown([0.01] * 50 + [0.06] * 50)
     assert not worse.good
+    assert "use better resistors or parts" in words
+
+
+def test_a_coarse_series_of_resistors_is_to_be_replaced_by_pairs():
+    _, words = shown([0.06] * 20, series="E96")
+    assert "E96 rounds by up to 1.5%; use --series E96-pairs" in words
+    _, words = shown([0.06] * 20, series="E96-pairs")
     assert "use better resistors or parts" in words

@@ -80,3 +80,14 @@ def test_what_parts_can_do_is_told_as_far_as_it_is_limited():
     sheet = Datasheet(a0=1e6, gbw=10e6, slew=20e6, output_swing=14.5)
     assert str(sheet) == "gain 1e+06, op amps 10 MHz, slew 20 MV/s, output swing 14.5 V"
     assert "multipliers" in str(presets.get("ad8065_ad835").datasheet)
+
+
+def test_power_is_split_and_exact_capacitors_are_stated():
+    found, said = words(SpiceBackend(level=presets.get("opa192_ad734")), samples=2)
+    assert 0 < found.cost.loads < found.cost.power
+    assert " W quiescent + " in said
+    assert " W loads" in said
+    assert "exact (no tolerance known)" in said
+    sizes = Tolerances(resistor=1e-3, capacitor=0.02)
+    _, said = words(SpiceBackend(level=macro(tolerances=sizes)), samples=2)
+    assert "no tolerance known" not in said

@@ -88,7 +88,11 @@ class CircuitFiles:
     """Output files."""
 
     deck: Path | None = option("Write the netlist.", "--deck", metavar="FILE")
-    bom: Path | None = option("Write the bill of materials (CSV).", "--bom", metavar="FILE")
+    bom: Path | None = option(
+        "Write all components by cell (CSV); for orders: export --to pack, bill.csv.",
+        "--bom",
+        metavar="FILE",
+    )
     figures: FiguresOption = None
     trajectory: TrajectoryOption = None
     json_file: JsonOption = None

@@ -16,10 +16,12 @@ from ann_dc.export.drawings.chain_diagram import fitted
 from ann_dc.export.drawings.labels import cell_at
 from ann_dc.export.drawings.page import GREY, LARGE, PLAIN, WIDTH, Page, Pen, told_of
 from ann_dc.export.drawings.symbols import AMPLIFIER, Symbols
-from ann_dc.export.netlists.build import build
+from ann_dc.export.netlists.build import LevelOrName, build, name_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hardware.circuit.circuit import HOLD, Circuit
 from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import OpAmps
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
@@ -49,13 +51,13 @@ MOST = 10
 
 @checked
 def schematic_files(
-    network: Network, vector: ReferenceVector, *, level: str = "behavioural"
+    network: Network, vector: ReferenceVector, *, level: LevelOrName = "behavioural"
 ) -> dict[str, bytes]:
     """Draw schematics of a cell's parts with schemdraw: one of each kind, with values.
 
-    The level is ``behavioural``, ``macro``, or the name of a part set: op amps with resistors. The
-    files are ``schematic_1.svg`` and ``schematic_1.pdf``, further sheets if needed, and
-    ``reference_vector.json``.
+    The level is ``behavioural``, ``macro``, the name of a part set, or a `Level` of op amps with
+    resistors. The files are ``schematic_1.svg`` and ``schematic_1.pdf``, further sheets if needed,
+    and ``reference_vector.json``.
 
     Raises `ExportError` with the reason if the level does not exist or cannot build the network,
     and `ExportPackageMissing` if schemdraw is not installed.
@@ -71,8 +73,10 @@ def schematic_files(
     ['reference_vector.json', 'schematic_1.pdf', 'schematic_1.svg']
     """
     known = "behavioural", "macro", *presets.names()
-    if level not in known:
-        raise ExportError(f"level: {level!r} cannot be drawn; choose one of: {', '.join(known)}")
+    if level not in known and not _is_drawable(level):
+        raise ExportError(
+            f"level: {name_of(level)!r} cannot be drawn; choose one of: {', '.join(known)}"
+        )
     if network.preconditioner.kind is PreconditionerKind.RESISTIVE_GRID:
         primal = ", ".join(n.name for n in network.cell.neurons if n.role is Role.PRIMAL)
         raise ExportError(
@@ -80,10 +84,16 @@ def schematic_files(
             "network with a diagonal, multilevel or cyclic-reduction preconditioner"
         )
     circuit = build(network, level, duration=vector.duration).circuit
-    files, reported = {}, told_of(network, "schematic", level)
-    for number, page in enumerate(circuit_sheets(circuit, level)):
+    files, reported = {}, told_of(network, "schematic", name_of(level))
+    for number, page in enumerate(circuit_sheets(circuit, name_of(level))):
         files |= page.files(f"schematic_{number + 1}", reported)
     return {**files, VECTOR: vector.as_json()}
+
+
+def _is_drawable(level: LevelOrName) -> bool:
+    return (
+        isinstance(level, Level) and isinstance(level.technology, OpAmps) and not level.transistors
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

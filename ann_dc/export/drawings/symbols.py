@@ -25,7 +25,8 @@ class Symbols:
             from schemdraw import elements
         except ImportError as error:
             raise ExportPackageMissing(
-                "schematics are drawn by schemdraw; pip install 'ann-dc[export]'"
+                "schematics are drawn by schemdraw; pip install 'ann-dc[export]', or '.[export]' "
+                "in a checkout"
             ) from error
         self.page, self._elements = page, elements
         self._axes, self._height = page.upright(SCALE)

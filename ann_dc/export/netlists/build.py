@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ann_dc.backends.settling import settles
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
+from ann_dc.conversion import KEPT
 from ann_dc.dataclass_pickling import cached_on
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, transient_of
@@ -40,6 +41,10 @@ WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items
 
 MOST_STEPS = 3000
 """Maximum steps of the transient check before files are written; divergence occurs early."""
+
+
+LevelOrName: TypeAlias = Annotated[str | Level, KEPT]
+"""Level, or its name, which a network may have to complete (`level_of`)."""
 
 
 class Reading(NamedTuple):
@@ -113,23 +118,27 @@ class Build:
 
 
 def build(
-    network: Network, level: str, series: str = "exact", duration: float | None = None
+    network: Network,
+    level: LevelOrName,
+    series: str = "exact",
+    duration: float | None = None,
 ) -> Build:
     """Build a network as a circuit at a model level, for a run until settled or of a duration.
 
-    Repeated calls return the same object. Levels are those of `ann_dc.hardware.parts.level_words`,
-    the resistor series ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` and ``E96-pairs``.
-    Raises `UnknownNameError` for others, and `ExportError` with the reason if the network cannot be
-    built at the level.
+    Repeated calls return the same object. A level is a `Level`, or a name of
+    `ann_dc.hardware.parts.level_words`. The resistor series are ``exact``, ``E12``, ``E24``,
+    ``E96``, ``E24-pairs`` and ``E96-pairs``. Raises `UnknownNameError` for others, and
+    `ExportError` with the reason if the network cannot be built at the level.
     """
     if series.lower() not in WORDS:
         raise UnknownNameError.of("series", series, [s.replace(" ", "-") for s in SERIES])
-    key = level.lower(), series.lower(), duration
+    word = level.lower() if isinstance(level, str) else level
+    key = word, series.lower(), duration
     made = WORDS[series.lower()]
     return cached_on(network, "_builds", key, lambda: _built(network, level, made, duration))
 
 
-def _built(network: Network, level: str, series: Series, duration: float | None) -> Build:
+def _built(network: Network, level: LevelOrName, series: Series, duration: float | None) -> Build:
     try:
         made = level_of(network, level)
         backend = SpiceBackend(level=made, series=series, duration=duration)
@@ -144,7 +153,7 @@ def _built(network: Network, level: str, series: Series, duration: float | None)
         circuit, probe = instance.circuit, instance.probe
         deck = backend.deck(circuit, probe, instance.deviations)
     except NetworkError as error:
-        raise ExportError(f"level {level}: {error}") from error
+        raise ExportError(f"level {name_of(level)}: {error}") from error
     for doubt in doubts:
         warnings.warn(f"level {made.name}: circuit: {doubt}", UserWarning, stacklevel=2)
     return Build(
@@ -234,11 +243,18 @@ def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     return bandwidth_margin
 
 
-def level_of(network: Network, level: str) -> Level:
+def name_of(level: LevelOrName) -> str:
+    """Return the name of a level for messages."""
+    return level if isinstance(level, str) else level.name
+
+
+def level_of(network: Network, level: LevelOrName) -> Level:
     """Return the level with a given name; its full scale is at most 1 V for saturation limits.
 
-    Raises `UnknownNameError` with the available levels.
+    A `Level` keeps its full scale. Raises `UnknownNameError` with the available levels.
     """
+    if isinstance(level, Level):
+        return level
     words = level_words()
     if level.lower() not in words:
         raise UnknownNameError.of("level", level, words)

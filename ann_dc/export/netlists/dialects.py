@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.errors import ExportError
-from ann_dc.export.netlists.build import Build, build
+from ann_dc.export.netlists.build import Build, LevelOrName, build, name_of
 from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.pack import (
     DECK,
@@ -69,7 +69,11 @@ XYCE = """\
 
 @checked
 def ltspice_files(
-    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    level: LevelOrName = "macro",
+    series: str = "exact",
 ) -> dict[str, bytes]:
     """Export a deck in the LTspice dialect, tested only in ngspice's LTspice mode.
 
@@ -83,7 +87,11 @@ def ltspice_files(
 
 @checked
 def xyce_files(
-    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    level: LevelOrName = "macro",
+    series: str = "exact",
 ) -> dict[str, bytes]:
     """Export a deck in the Xyce dialect, not tested in Xyce; the files are as in `ltspice_files`.
 
@@ -92,18 +100,18 @@ def xyce_files(
     made = _build(network, vector, level, series)
     if made.level.technology.clocked:
         raise ExportError(
-            f"level {level}: its switches need a hard threshold, and those of Xyce change over "
-            "a range; use another level, or the pack for ngspice"
+            f"level {name_of(level)}: its switches need a hard threshold, and those of Xyce "
+            "change over a range; use another level, or the pack for ngspice"
         )
     return _files(made, vector, _deck(made, _xyce, _xyce_end), "Xyce", XYCE)
 
 
-def _build(network: Network, vector: ReferenceVector, level: str, series: str) -> Build:
+def _build(network: Network, vector: ReferenceVector, level: LevelOrName, series: str) -> Build:
     check_vector(network, vector)
-    if level.lower() == PACKAGE:
+    if name_of(level).lower() == PACKAGE:
         raise ExportError(
-            f"level {level}: its models are written for ngspice, with AGAUSS and lengths in "
-            "micrometres; use another level, or the pack for ngspice"
+            f"level {name_of(level)}: its models are written for ngspice, with AGAUSS and lengths "
+            "in micrometres; use another level, or the pack for ngspice"
         )
     return build(network, level, series, vector.duration)
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from ann_dc.errors import ExportError
-from ann_dc.export.netlists.build import Build, build
+from ann_dc.export.netlists.build import Build, LevelOrName, build, name_of
 from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.pack import (
     PARTS,
@@ -53,14 +53,18 @@ ENGINEERING = "rc"
 
 @checked
 def kicad_files(
-    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    level: LevelOrName = "macro",
+    series: str = "exact",
 ) -> dict[str, bytes]:
     """Export a netlist for KiCad's board editor, with one entry per component.
 
-    The level is ``macro``, ``differential``, or a part set by name, whose parts have footprints. In
-    the series ``E24-pairs`` and ``E96-pairs`` both resistors of a pair are components. The files
-    are 'circuit.net', 'parts.csv' with the deck element of each part, 'README.md' and
-    'reference_vector.json'.
+    The level is ``macro``, ``differential``, a `Level` of macro models, or a part set by name,
+    whose parts have footprints. In the series ``E24-pairs`` and ``E96-pairs`` both resistors of a
+    pair are components. The files are 'circuit.net', 'parts.csv' with the deck element of each
+    part, 'README.md' and 'reference_vector.json'.
 
     Raises `ExportError` if the network cannot be built at the level or the level has no purchasable
     parts, and `UnknownNameError` for an unknown level or series.
@@ -70,8 +74,8 @@ def kicad_files(
     named = isinstance(made.level.technology, (OpAmps, DifferentialPairs))
     if made.level.models != "macro" or not named:
         raise ExportError(
-            f"level {level}: has no commercial parts; use macro, differential, or parts by name "
-            "such as tl072_ad633"
+            f"level {name_of(level)}: has no commercial parts; use macro, differential, or parts "
+            "by name such as tl072_ad633"
         )
     elements = flattened(deck_text(made), library_of(made))
     soldered = (*_in_series(parts_of(elements, made.level.name), made.series),)

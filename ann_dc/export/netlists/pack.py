@@ -18,7 +18,7 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.export.netlists.build import Build, build
+from ann_dc.export.netlists.build import Build, LevelOrName, build
 from ann_dc.export.netlists.flat_reader import flattened, logical_lines
 from ann_dc.export.netlists.parts import (
     CLASSES,
@@ -58,7 +58,7 @@ def pack_files(
     network: Network,
     vector: ReferenceVector,
     *,
-    level: str = "macro",
+    level: LevelOrName = "macro",
     series: str = "exact",
     zipped: bool = False,
 ) -> dict[str, bytes]:
@@ -70,9 +70,9 @@ def pack_files(
     or is not that of the vector, and `UnknownNameError` for an unknown level or series.
 
     The level is ``behavioural``, ``macro``, ``differential``, ``ota-c``, ``switched-capacitor``,
-    ``transistor``, or a part set by name. The series of the resistors is ``exact``, ``E12``,
-    ``E24``, ``E96``, ``E24-pairs`` or ``E96-pairs``. With ``zipped``, the result is a single file
-    'pack.zip' with all files, with reproducible bytes.
+    ``transistor``, a part set by name, or a `Level`. The series of the resistors is
+    ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` or ``E96-pairs``. With ``zipped``, the
+    result is a single file 'pack.zip' with all files, with reproducible bytes.
     """
     check_vector(network, vector)
     files = with_sums(_files(build(network, level, series, vector.duration), vector))

@@ -67,12 +67,13 @@ class Cost:
 
     ``parts`` are numbers of parts by kind, see `parts_of`, and ``settling`` is in seconds per
     solve. The ``power`` at rest in watts is that of op amps with their loads and of multipliers;
-    nan if the level has no power data.
+    nan if the level has no power data. ``loads`` is the part of it that supplies the loads.
     """
 
     parts: Mapping[str, int]
     power: float
     settling: float
+    loads: float = 0.0
 
     @property
     def energy(self) -> float:
@@ -93,8 +94,10 @@ def cost_of(
     inner = parts.get(INNER, GENERATOR_MULTIPLIERS * parts.get(GENERATOR, 0))
     multipliers = parts.get(MULTIPLIER, 0) + inner
     amplifiers = parts.get(OP_AMP, 0)
-    power = amplifiers * datasheet.amplifier_power + multipliers * datasheet.multiplier_power
-    return Cost(parts=parts, power=power + loads, settling=settling)
+    power = amplifiers * datasheet.amplifier_power
+    if multipliers:
+        power += multipliers * datasheet.multiplier_power
+    return Cost(parts=parts, power=power + loads, settling=settling, loads=loads)
 
 
 GENERATOR_MULTIPLIERS = 5

@@ -10,3 +10,4 @@ from .levels import (
     macro as macro,
     switched_capacitor as switched_capacitor,
 )
+from .parasitics import Parasitics as Parasitics

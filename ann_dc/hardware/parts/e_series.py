@@ -38,6 +38,8 @@ class Series:
     ((10000.0,), 10400.0)
     >>> E96.capacitors.name, E12.capacitors.name
     ('E24', 'E12')
+    >>> f"{E96.largest_error:.2%}", E24_PAIRS.largest_error
+    ('1.49%', 0.0)
     """
 
     name: str
@@ -48,6 +50,14 @@ class Series:
     def capacitors(self) -> Series:
         """Series of the capacitors for this resistor series: at most E24, without pairs."""
         return E24 if self.pairs or len(self.mantissas) > len(_E24) else self
+
+    @property
+    def largest_error(self) -> float:
+        """Largest relative rounding error of a single resistor; zero for pairs and exact values."""
+        if not self.mantissas or self.pairs:
+            return 0.0
+        steps = np.diff(np.log([*self.mantissas, 10 * self.mantissas[0]]))
+        return float(np.expm1(steps.max() / 2))
 
     def nearest(self, values: np.ndarray) -> np.ndarray:
         """Return the nearest available values in ohms or farads; infinite values stay."""

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import warnings
+from dataclasses import replace
 
 import constrained
 import numpy as np
@@ -12,6 +13,8 @@ from small_pdk import needs_pdk
 
 import ann_dc
 from ann_dc.errors import ExportError, NetworkError
+from ann_dc.export.exporting import export_network
+from ann_dc.export.index import read_index
 from ann_dc.export.netlists.dialects import ltspice_files, xyce_files
 from ann_dc.export.netlists.kicad import kicad_files
 from ann_dc.export.netlists.pack import pack_files
@@ -32,6 +35,21 @@ def test_formats_share_a_circuit(small, monkeypatch):
 
     monkeypatch.setattr(ann_dc.SpiceBackend, "prepare", fail)
     assert ltspice_files(network, vector, level="MACRO")
+
+
+def test_a_level_object_builds_its_parts_under_its_name(small, tmp_path):
+    network, vector = small
+    own = replace(ann_dc.levels.macro(a0=2e5, output_swing=4.0), name="my parts", full_scale=2.0)
+    for write in (pack_files, ltspice_files, xyce_files, kicad_files):
+        files = write(network, vector, level=own)
+        assert "my parts" in files["README.md"].decode()
+    deck = pack_files(network, vector, level=own)["deck.cir"].decode()
+    assert "opamp_a0=200000" in deck
+    [done] = export_network(network, "pack", tmp_path, level=own)
+    assert read_index(done.folder).settings == {"level": "my parts"}
+    clocked = ann_dc.levels.switched_capacitor(step=1e-3)
+    with pytest.raises(ExportError, match="level wrong: its switches"):
+        xyce_files(network, vector, level=replace(clocked, name="wrong"))
 
 
 @pytest.mark.slow

@@ -97,6 +97,12 @@ def test_power_that_is_not_known_is_nan():
     )
 
 
+def test_power_without_multipliers_needs_none_of_theirs():
+    found = cost_of({OP_AMP: 7}, Datasheet(amplifier_power=2e-3), settling=1e-6, loads=0.5)
+    assert found.power == pytest.approx(0.514)
+    assert found.loads == 0.5
+
+
 def test_every_preset_has_a_power():
     parts = parts_at(macro(), "car")
     for name in presets.names():
