@@ -177,6 +177,8 @@ LOOKED_AT = 2000
 """Largest number of cases that are searched for trajectories."""
 WORST_FOR = 6
 """Number of metrics with a list of worst cases."""
+MOST_LISTED = 20
+"""Largest number of values of a setting with one yield each."""
 STANDING_OUT = 8
 """Number of cases listed as slowest, or as worst for a metric."""
 
@@ -308,6 +310,18 @@ class Findings:
         masks += [("total", self.within)] if len(self.limits) > 1 else []
         draws = draws_of(self._cells)
         return [(name, _yield_of(good, draws)) for name, good in masks]
+
+    @cached_property
+    def yields_by_value(self) -> list[tuple[str, Yield]]:
+        """Yields of every value of each listed setting; empty without limits or lists."""
+        lists = self.identity.get("vary") or {}
+        columns = (c for c in self.varied if isinstance(lists.get(c.name), (list, tuple)))
+        listed = (c for c in columns if self.limits and len(c.distinct) <= MOST_LISTED)
+        return [
+            (f"{one.name} = {value}", self.yield_among(rows))
+            for one in listed
+            for value, rows in one.by_value()
+        ]
 
     def yield_among(self, rows: np.ndarray) -> Yield:
         """Return the yield of selected records with its confidence interval."""
