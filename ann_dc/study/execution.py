@@ -298,8 +298,9 @@ class _Run:
             except StudyError as error:  # other tasks may have records
                 broken = error
                 continue
-            if attempt.finished:
-                self.each = float(attempt.circumstances[SECONDS])
+            seconds = attempt.circumstances.get(SECONDS)
+            if attempt.finished and isinstance(seconds, float):
+                self.each = seconds
             finished += records
             self.waiting.extendleft(reversed(jobs))
         if finished:
