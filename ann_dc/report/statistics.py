@@ -349,9 +349,8 @@ class Findings:
 
     @cached_property
     def exponents(self) -> list[Growth]:
-        """Exponents of metrics and wall time over settings, clearest first."""
-        seconds = () if self.seconds is None else (self.seconds,)
-        return _exponents_of((*self.metrics, *seconds), self.varied)
+        """Exponents of metrics over settings, clearest first."""
+        return _exponents_of(self.metrics, self.varied)
 
     @cached_property
     def outliers(self) -> list[Outliers]:

@@ -59,7 +59,7 @@ def test_a_page_says_what_was_asked_and_found():
     for words in (
         "Settling of the car on drawn parts", "2,000", "Latin hypercube", "Horizon: the number",
         "Last time at which a control is off.", "settling_time ≤ 30 us, overshoot ≤ 0.25",
-        "Clopper-Pearson", "wall_time ~ problem.N^p", "ann-dc study 'out/car study' --point",
+        "Clopper-Pearson", "power ~ problem.N^p", "ann-dc study 'out/car study' --point",
         "numpy 2.4.6", "plotly.js", "Left out, because they tell less",
     ):  # fmt: skip
         assert words in text, words
