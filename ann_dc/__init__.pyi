@@ -5,6 +5,7 @@ __version__: str
 
 from . import errors as errors
 from . import plotting as plotting
+from . import report as report
 from . import two_level as two_level
 
 # declare
@@ -82,6 +83,7 @@ from .resources import circuits_path as circuits_path
 # study
 from .study import Study as Study
 from .study import load_study as load_study
+from .study import load_table as load_table
 
 # certify, keep
 from .optimality import certify as certify

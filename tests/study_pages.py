@@ -2,12 +2,12 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas
 
 from ann_dc.report.statistics import Findings
+from ann_dc.study.store import Store
 
 HOSTILE = "</script><img src=x onerror=\"document.title='broken in'\">"
 IDENTITY = {
@@ -89,13 +89,21 @@ def curve(point):
     }  # fmt: skip
 
 
+class InMemory(Store):
+    """Store of a study without a database."""
+
+    def __init__(self, count, identity):
+        self.folder, self.identity, self.count = Path("out/car study"), identity, count
+
+    def to_frame(self):
+        return frame(self.count)
+
+    def curves(self, point):
+        return curve(point) if point % 3 == 0 else {}
+
+
 def store(count, **changed):
-    """Like the store of a study, in memory."""
-    return SimpleNamespace(
-        folder=Path("out/car study"), identity=IDENTITY | changed,
-        to_frame=lambda: frame(count),
-        curves=lambda point: curve(point) if point % 3 == 0 else {},
-    )  # fmt: skip
+    return InMemory(count, IDENTITY | changed)
 
 
 def findings(count, **changed):

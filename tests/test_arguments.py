@@ -302,6 +302,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "inspect_export": lambda: {"path": "network.npz"},
     "load_solution": lambda: {"folder": "saved"},
     "load_study": lambda: {"path": "study.toml"},
+    "load_table": lambda: {"folder": "out"},
     "load_problem": lambda: {"path": "problem.toml"},
     "multistart": lambda: {"starts": 2, "preconditioner": [ann_dc.PreconditionerKind.DIAGONAL]},
     "pareto": lambda: {"problem": competing(), "points": 1},
@@ -320,6 +321,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "plotting.with_unit": lambda: {"name": "x", "unit": "m"},
     "presets.get": lambda: {"name": "opa192_ad734"},
     "random_guess": lambda: {"rng": 0},
+    "report.write_study_page": lambda: {"study": "out", "path": "page.html"},
     "save": lambda: {"path": "network.npz"},
     "solve": lambda: {"backend": Spy(), "gains": design().gains},
     "design": lambda: {"preconditioner": [ann_dc.PreconditionerKind.DIAGONAL]},
@@ -406,8 +408,8 @@ def test_no_argument_is_nonsense(name, monkeypatch):
 LONG = {
     "SpiceBackend.run", "SpiceBackend.measure", "two_level.OracleBackend.run",
     "plotting.save_all", "plotting.diagnosis", "multistart", "Multistart.solution", "load",
-    "inspect_export", "load_problem", "load_solution", "load_study", "RecurrentLayer.equilibrium",
-    "two_level.coordinate",
+    "inspect_export", "load_problem", "load_solution", "load_study", "load_table",
+    "RecurrentLayer.equilibrium", "report.write_study_page", "two_level.coordinate",
 }  # fmt: skip
 """Whose valid call takes seconds, a simulator, or a file."""
 

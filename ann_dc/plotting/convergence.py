@@ -30,7 +30,7 @@ Error: TypeAlias = Literal["residual", "controls", "objective"]
 
 LABELS = {"time": style.UNSCALED, "steps": "steps or iterations", "seconds": "time (s)"}
 ERRORS = {
-    "residual": "relative KKT residual",
+    "residual": "relative KKT residual of the network",
     "controls": "control error (relative to the largest control)",
     "objective": "relative error of the cost",
 }
@@ -62,8 +62,9 @@ def convergence(
     """Plot the errors of several runs over network time, steps or seconds.
 
     Runs of SciPy's methods, of generated code, of recurrent steps, of two levels, of circuits and
-    of digital solvers may be mixed. A circle marks the time from which a residual stays below its
-    tolerance.
+    of digital solvers may be mixed. A circle at the tolerance marks the settling time of a run. The
+    residual of a network with non-idealities is relative to its own conditions of equilibrium, not
+    to those of the problem.
 
     Parameters
     ----------
@@ -311,10 +312,13 @@ def _drawn(
 
 
 def _mark(axes: Axes, run: Converging, curve: Curve, colour: str) -> None:
-    """Mark the position from which the residual of a run stays below its tolerance."""
-    if not isinstance(run, (Run, TwoLevelRun)):
+    """Mark the settling time of a run, or the outer iteration from which two levels are settled."""
+    if isinstance(run, Run):
+        at = np.interp(run.settling_time, run.trajectory.residual_time, curve.x)
+    elif isinstance(run, TwoLevelRun):
+        at = float(run.outer_iterations[0])
+        at = at if at >= 0 else np.nan
+    else:
         return
-    above = np.flatnonzero(~(curve.error < run.tolerance))
-    first = int(above[-1]) + 1 if len(above) else 0
-    if first < len(curve.x):
-        axes.plot(curve.x[first], curve.error[first], "o", ms=5, color=colour, mfc="white")
+    if np.isfinite(at):
+        axes.plot(at, run.tolerance, "o", ms=5, color=colour, mfc="white")

@@ -177,6 +177,8 @@ LOOKED_AT = 2000
 """Largest number of cases that are searched for trajectories."""
 WORST_FOR = 6
 """Number of metrics with a list of worst cases."""
+MOST_LISTED = 20
+"""Largest number of values of a setting with one yield each."""
 STANDING_OUT = 8
 """Number of cases listed as slowest, or as worst for a metric."""
 
@@ -309,6 +311,18 @@ class Findings:
         draws = draws_of(self._cells)
         return [(name, _yield_of(good, draws)) for name, good in masks]
 
+    @cached_property
+    def yields_by_value(self) -> list[tuple[str, Yield]]:
+        """Yields of every value of each listed setting; empty without limits or lists."""
+        lists = self.identity.get("vary") or {}
+        columns = (c for c in self.varied if isinstance(lists.get(c.name), (list, tuple)))
+        listed = (c for c in columns if self.limits and len(c.distinct) <= MOST_LISTED)
+        return [
+            (f"{one.name} = {value}", self.yield_among(rows))
+            for one in listed
+            for value, rows in one.by_value()
+        ]
+
     def yield_among(self, rows: np.ndarray) -> Yield:
         """Return the yield of selected records with its confidence interval."""
         draws = draws_of({name: cells[rows] for name, cells in self._cells.items()})
@@ -335,9 +349,8 @@ class Findings:
 
     @cached_property
     def exponents(self) -> list[Growth]:
-        """Exponents of metrics and wall time over settings, clearest first."""
-        seconds = () if self.seconds is None else (self.seconds,)
-        return _exponents_of((*self.metrics, *seconds), self.varied)
+        """Exponents of metrics over settings, clearest first."""
+        return _exponents_of(self.metrics, self.varied)
 
     @cached_property
     def outliers(self) -> list[Outliers]:

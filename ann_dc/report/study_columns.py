@@ -6,7 +6,7 @@ column with many numbers is divided into groups of equal size.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -94,6 +94,14 @@ class Column:
         if self.numbers is not None:
             return np.searchsorted(self.distinct, self.numbers)
         return np.zeros(0, int) if self.codes is None else self.codes
+
+    def by_value(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield every distinct value as text, and the indices of its records."""
+        for value in self.distinct:
+            if self.numbers is not None:
+                yield f"{value:.6g}", np.flatnonzero(self.numbers == value)
+            else:
+                yield value, np.flatnonzero(self.places == self.words.index(value))
 
     @cached_property
     def groups(self) -> np.ndarray | None:

@@ -24,6 +24,8 @@ MOST = 20
 def summary(study: Study, found: Table) -> list[Shown | str]:
     """Return outcomes, medians with their spread, and the yield as printable objects."""
     shown: list[Shown | str] = [f"{study.title}: {len(found)} of {counted(len(study), 'points')}"]
+    if not len(found):
+        return [*shown, "no records yet"]
     outcomes = table("outcome", "points", "fraction")
     for outcome, count in found.outcomes.items():
         outcomes.add_row(outcome, str(count), f"{count / len(found):.1%}")
@@ -44,15 +46,16 @@ def summary(study: Study, found: Table) -> list[Shown | str]:
 
 
 def _yields(study: Study, found: Table) -> list[Shown | str]:
-    """Return the yield of all records and of every value of each listed setting."""
-    shown: list[Shown | str] = [f"yield: {found.yield_of()}"]
+    """Return the yield of every value of each listed setting, then of all records."""
+    shown: list[Shown | str] = []
     for name, values in study.plan.listed.items():
         if 1 < len(values) <= MOST and len(values) < len(found):
             parts = table(name, "yield (95 % interval)")
             for value, part in found.by(name).items():
                 parts.add_row(str(value), str(part.yield_of()))
             shown.append(parts)
-    return shown
+    pooled = ", all listed settings together" if shown else ""
+    return [*shown, f"yield{pooled}: {found.yield_of()}"]
 
 
 def summary_dict(study: Study, found: Table) -> dict[str, Any]:

@@ -4,5 +4,5 @@ from .metrics import Metric as Metric
 from .records import Row as Row
 from .study import Study as Study
 from .study_file import load_study as load_study
-from .table import Table as Table
+from .table import Table as Table, load_table as load_table
 from .yield_metrics import Yield as Yield

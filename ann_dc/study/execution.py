@@ -25,10 +25,14 @@ from ann_dc.errors import StudyError, require_positive
 from ann_dc.progress import Deadline, Paced, Progress, Stopped, silent
 from ann_dc.resources import cores
 from ann_dc.study.processes import Apart, attempted_apart, pickled
-from ann_dc.study.records import LOST, OUTCOME, TIMED_OUT, Finished, Row, without_result
+from ann_dc.study.records import LOST, OUTCOME, SECONDS, TIMED_OUT, Finished, Row, without_result
 from ann_dc.study.store import Store
 from ann_dc.study.tasks import Attempt, Task, Work, attempted
 
+FIRST = 16
+"""Largest number of cases of a task before the duration of a case is known."""
+PORTION = 3.0
+"""Seconds that a task with several cases should take, so that an interruption loses little."""
 PARTS = 8
 """Number of smaller tasks into which a task without records is split."""
 SLACK = 1.0
@@ -93,8 +97,9 @@ def execute(
     common: Row | None = None,
     progress: Progress = silent,
 ) -> Tally:
-    """Execute all tasks and store a record per case as soon as it is complete.
+    """Execute all tasks and store their records as soon as a task is complete.
 
+    Tasks of many cases are divided into tasks of about `PORTION` seconds.
     The records do not depend on the executor or on the order. A task is split if it raises, exceeds
     its time limit or loses its worker twice. The splitting isolates the failing case, whose record
     has the outcome ``failed``, ``timed out`` or ``worker lost`` and the reason. The other cases are
@@ -234,6 +239,7 @@ class _Run:
         self.flying: dict[Future[Attempt], _Job] = {}
         self.crew, self.store, self.limit, self.common = crew, store, limit, common
         self.outcomes: Counter[str] = Counter()
+        self.each: float | None = None
         self.began = time.monotonic()
         self.slots, self.checked = 0, -float("inf")
 
@@ -252,9 +258,22 @@ class _Run:
         if time.monotonic() - self.checked >= TURN:
             self.slots, self.checked = self.crew.slots(), time.monotonic()
         while self._may_send():
-            job = self.waiting.popleft()
+            job = self._next()
             seconds = None if self.limit is None else self.limit * len(job.task.points) + SLACK
             self.flying[self.crew.submit(job.task, seconds)] = job
+
+    def _next(self) -> _Job:
+        """Return the next job, with no more cases than `PORTION` seconds allow.
+
+        The duration of a case is that of the last task; before the first one it is unknown.
+        """
+        job = self.waiting.popleft()
+        size = FIRST if self.each is None else max(1, int(PORTION / max(self.each, 1e-9)))
+        points = job.task.points
+        if job.was_lost or len(points) <= size:
+            return job
+        self.waiting.appendleft(_Job(Task(points[size:])))
+        return _Job(Task(points[:size]))
 
     def _may_send(self) -> bool:
         """Return True if a task may be submitted.
@@ -274,10 +293,14 @@ class _Run:
         for future in [future for future in self.flying if future.done()]:
             job = self.flying.pop(future)
             try:
-                records, jobs = _verdict(job, self.crew.attempt(future), self.limit)
+                attempt = self.crew.attempt(future)
+                records, jobs = _verdict(job, attempt, self.limit)
             except StudyError as error:  # other tasks may have records
                 broken = error
                 continue
+            seconds = attempt.circumstances.get(SECONDS)
+            if attempt.finished and isinstance(seconds, float):
+                self.each = seconds
             finished += records
             self.waiting.extendleft(reversed(jobs))
         if finished:
@@ -288,8 +311,10 @@ class _Run:
 
     def _line(self) -> str:
         done, seconds = self.outcomes.total(), time.monotonic() - self.began
-        rate = done / seconds if seconds > 0 else 0.0
-        left = f"{_duration((self.total - done) / rate)} left" if done else "none yet"
+        if not done:
+            return f"0 of {self.total} points" + "; designing and compiling" * bool(self.total)
+        rate = done / max(seconds, 1e-9)
+        left = f"{_duration((self.total - done) / rate)} left"
         counted = ", ".join(f"{word} {number}" for word, number in self.outcomes.most_common())
         return f"{done} of {self.total} points, {rate:.3g} a second, {left}; {counted}"
 

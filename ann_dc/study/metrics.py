@@ -287,7 +287,10 @@ def objective(sample: Sample) -> float:
 
 @_metric()
 def kkt_residual(sample: Sample) -> float:
-    """Return the relative KKT residual at the end, from exact problem derivatives."""
+    """Return the relative KKT residual of the problem at the end, from exact derivatives.
+
+    The residual of `settling_time` is that of the network, which differs with non-idealities.
+    """
     return sample.certificate.kkt_residual
 
 

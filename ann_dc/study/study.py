@@ -266,8 +266,9 @@ class Study(Record):
         Parameters
         ----------
         folder : path-like, optional
-            Folder that stores records as soon as they are complete. A study begun in this folder is
-            continued. By default nothing is stored.
+            Folder that stores records while the study runs: cases that differ in numbers only run
+            in batches of about 3 s, others one by one. A study begun in this folder is continued.
+            By default nothing is stored.
         workers : int, optional
             Number of processes. By default one per core; 0 uses this process only.
         executor : concurrent.futures.Executor, optional
@@ -280,7 +281,8 @@ class Study(Record):
         Returns
         -------
         Table
-            All records, in the order of the cases.
+            Records in the order of the cases. Ctrl-C ends the study early: ``table.stopped`` is
+            then the reason, and the table contains the records that were stored until then.
 
         Raises
         ------

@@ -180,7 +180,6 @@ class Table:
         return _frame(self.columns)
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveTable:
     """Trajectories of a study as columns of equal length.
@@ -218,6 +217,40 @@ class CurveTable:
             for name, values in zip(self.columns, lists)
         }
         write_parquet(path, [list(map(list, zip(*lists)))], kinds, "{}")
+
+
+@checked
+def load_table(folder: str | os.PathLike[str]) -> Table:
+    """Read the table of a study from its folder, also while the study runs.
+
+    Parameters
+    ----------
+    folder : path-like
+        Folder that was passed to `Study.run`, or to ``ann-dc study`` as --output.
+
+    Returns
+    -------
+    Table
+        Records that are stored so far, in the order of the cases.
+
+    Raises
+    ------
+    StoreError
+        If the folder does not contain a study.
+
+    Examples
+    --------
+    >>> import ann_dc, tempfile
+    >>> study = ann_dc.Study(
+    ...     subject="double_integrator", vary={"nonideal.mismatch": [0.001, 0.01]}, samples=2
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = study.run(folder, workers=0)
+    ...     len(load_table(folder))
+    4
+    """
+    with Store.open(folder) as store:
+        return Table.of(store)
 
 
 def _frame(columns: Mapping[str, Any]) -> Any:

@@ -42,11 +42,26 @@ def test_residuals_over_time_are_those_of_the_runs():
 
 
 def test_circles_mark_the_settling_times():
-    axes = plotting.convergence({"RK45": runs()["RK45"]}).axes[0]
-    [circle] = [line for line in axes.lines if line.get_marker() == "o"]
     run = runs()["RK45"]
-    time = run.trajectory.residual_time
-    assert circle.get_xdata()[0] == time[time >= run.settling_time][0]
+    for against, at in (("time", run.settling_time), ("steps", run.settling_steps)):
+        axes = plotting.convergence({"RK45": run}, against=against).axes[0]
+        [circle] = [line for line in axes.lines if line.get_marker() == "o"]
+        (x, y) = circle.get_xydata()[0]
+        assert y == 1e-6
+        assert x == pytest.approx(at, rel=1e-12 if against == "time" else 0.03)
+
+
+def test_circle_marks_the_outer_iteration_of_two_levels():
+    levels = ann_dc.TwoLevels(solution().network, upper=NewtonCoordinator()).run()
+    axes = plotting.convergence({"two levels": levels}, against="steps").axes[0]
+    [circle] = [line for line in axes.lines if line.get_marker() == "o"]
+    assert circle.get_xdata()[0] == levels.outer_iterations[0]
+
+
+def test_unsettled_run_has_no_circle():
+    short = ann_dc.OdeBackend(verify=False, duration=5.0).run(solution().network)
+    axes = plotting.convergence({"short": short}).axes[0]
+    assert not [line for line in axes.lines if line.get_marker() == "o"]
 
 
 def test_steps_are_counted():

@@ -49,3 +49,20 @@ def test_yields_of_a_page_are_those_of_the_study():
     rows = np.arange(7, 150, 3)
     some = {name: cells[rows] for name, cells in columns.items()}
     assert found.yield_among(rows) == yield_of(some, found.identity["spec"])
+
+
+def test_yields_by_value_are_those_of_the_records_with_the_value():
+    found = findings(400)
+    by_value = dict(found.yields_by_value)
+    names = {name.split(" = ")[0] for name in by_value}
+    assert names == {"problem.N", "backend", "coordinators"}
+    assert by_value["coordinators = true"] == found.yield_among(
+        np.flatnonzero(found.frame["coordinators"])
+    )
+    for setting in names:
+        parts = [one for name, one in by_value.items() if name.startswith(setting)]
+        assert sum(one.passed for one in parts) == found.yields[-1][1].passed
+
+
+def test_study_without_limits_has_no_yields_by_value():
+    assert findings(400, spec={}).yields_by_value == []

@@ -10,12 +10,14 @@ from ann_dc.report.statistics import fit
 from ann_dc.report.study_columns import column_of
 
 
-def test_the_exponent_of_the_wall_time_is_found():
-    reported = {(one.metric.name, one.setting.name): one for one in findings(2000).exponents}
-    law = reported["wall_time", "problem.N"].exponent
+def test_exponent_of_a_known_law_is_found_and_wall_time_is_not_listed():
+    found = findings(2000)
+    reported = {(one.metric.name, one.setting.name): one for one in found.exponents}
+    law = fit(found.columns["wall_time"], found.columns["problem.N"]).exponent
     assert law.low < EXPONENT < law.high
     assert law.high - law.low < 0.01
     assert law.r_squared > 0.99
+    assert "wall_time" not in {metric for metric, _ in reported}
     assert {setting for _, setting in reported} == {"problem.N", "gains.tau.u"}
     flat = reported["settling_time", "problem.N"].exponent
     assert flat.low < 0 < flat.high

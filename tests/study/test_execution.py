@@ -20,9 +20,9 @@ from small_work import COLUMNS, points, tasks
 
 from ann_dc.errors import StoreError, StudyError
 from ann_dc.progress import Stopped
-from ann_dc.study.execution import execute
+from ann_dc.study.execution import FIRST, Here, execute
 from ann_dc.study.processes import pickled
-from ann_dc.study.records import CIRCUMSTANCES
+from ann_dc.study.records import CIRCUMSTANCES, Finished
 from ann_dc.study.store import Store
 from ann_dc.study.worker import Script, loaded, own_script
 
@@ -218,6 +218,46 @@ def test_ctrl_c_reaches_the_workers_too_and_they_say_nothing(tmp_path, moment):
         os.killpg(process.pid, signal.SIGINT)
         assert process.stderr.read() == b""
         assert process.wait() == 0
+
+
+def test_first_line_of_a_run_says_that_it_compiles(store):
+    reported = []
+
+    def slowly(task):
+        time.sleep(1.0)
+        return [Finished({"point": p.number, "outcome": "settled"}) for p in task.points]
+
+    with ThreadPoolExecutor(1) as executor:
+        execute(tasks(points("a")), slowly, store, executor=executor, progress=reported.append)
+    assert reported[0] == "0 of 1 points; designing and compiling"
+    assert reported[-1].startswith("1 of 1 points, ")
+
+
+def test_large_task_is_divided_by_the_duration_of_its_cases(store):
+    sizes, asked = [], points(*["slow"] * 200)
+
+    def counted(task):
+        sizes.append(len(task.points))
+        return [Finished({"point": p.number, "outcome": "settled"}) for p in task.points]
+
+    execute(tasks(asked, 200), counted, store, executor=Here())
+    assert (sizes[0], sum(sizes)) == (FIRST, 200)
+    assert len(store) == 200
+
+
+def test_task_of_long_cases_is_divided_into_portions(store, monkeypatch):
+    monkeypatch.setattr("ann_dc.study.execution.PORTION", 0.1)
+    sizes, asked = [], points(*["slow"] * 60)
+
+    def slowly(task):
+        sizes.append(len(task.points))
+        time.sleep(0.02 * len(task.points))
+        return [Finished({"point": p.number, "outcome": "settled"}) for p in task.points]
+
+    execute(tasks(asked, 60), slowly, store, executor=Here(), workers=1)
+    assert sizes[0] == FIRST
+    assert max(sizes[2:]) <= 5  # two tasks are submitted before the first duration is known
+    assert sum(sizes) == 60
 
 
 def test_nothing_to_do(store):

@@ -92,9 +92,10 @@ def study(
 ) -> None:
     """Vary the settings of a study file, measure every case and store the records.
 
-    Records are stored in DIR as they finish. Ctrl-C, a crash or a power cut
-    lose none of them: the same command continues the study. Failed cases have
-    records with the reason; --retry repeats them.
+    Records are stored in DIR while the study runs. Cases that differ in numbers
+    only run in batches of about 3 s, others one by one; an interruption loses
+    the batches that are running. The same command continues the study. Failed
+    cases have records with the reason; --retry repeats them.
 
     On a cluster, start a scheduler and workers, then pass the address:
 

@@ -21,6 +21,7 @@ import json
 import os
 import struct
 from collections.abc import Iterable
+from contextlib import nullcontext
 from importlib import import_module, resources
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ from ann_dc.report.study_page.figure import percent
 from ann_dc.report.study_page.over_time import RESIDUALS, categories_of
 from ann_dc.study.store import Store
 from ann_dc.study.table import NO_RESULT
+from ann_dc.validation import checked
 
 PACKAGES = {"pandas": PandasMissing, "plotly.offline": PlotlyMissing, "jinja2": JinjaMissing}
 """Packages of the extra `study` that a page needs, with the error if one is missing."""
@@ -46,17 +48,47 @@ LARGEST_TABLE = 200_000
 """Largest number of records in a page; statistics and figures use all records."""
 
 
+@checked
 def write_study_page(
-    store: Store, path: str | os.PathLike[str], *, progress: Progress = silent
+    study: Store | str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    *,
+    progress: Progress = silent,
 ) -> None:
     """Write the HTML page of a finished or unfinished study into an existing folder.
 
-    Raises `OutputError` if the file cannot be written, and `PandasMissing`, `PlotlyMissing` or
-    `JinjaMissing` if a package is not installed.
+    Parameters
+    ----------
+    study : path-like or Store
+        Folder of the study, or its open store.
+    path : path-like
+        HTML page.
+    progress : Progress
+        Callable that receives one progress line at a time. Default: no output.
+
+    Raises
+    ------
+    StoreError
+        If the folder does not contain a study.
+    OutputError
+        If the file cannot be written.
+    PandasMissing, PlotlyMissing, JinjaMissing
+        If a package is not installed.
+
+    Examples
+    --------
+    >>> import ann_dc, tempfile
+    >>> study = ann_dc.Study(
+    ...     subject="double_integrator", vary={"nonideal.mismatch": [0.001, 0.01]}, samples=2
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = study.run(folder, workers=0)
+    ...     write_study_page(folder, Path(folder, "report.html"))
     """
     _check_packages()
-    progress("reading the database")
-    found = Findings.of(store)
+    with nullcontext(study) if isinstance(study, Store) else Store.open(study) as store:
+        progress("reading the database")
+        found = Findings.of(store)
     write_whole(path, page_of(found, progress=progress).encode("utf-8"))
 
 

@@ -21,6 +21,8 @@ SHOWN = 6
 PRINTED = 25
 """Number of printed records of the table."""
 PRINTED_COLUMNS = 8
+TOGETHER = "all listed settings together"
+"""Label of a yield of records with different values of listed settings."""
 LISTED = 12
 """Largest number of items shown of a list."""
 
@@ -97,8 +99,10 @@ def medians(found: Findings) -> Iterator[str]:
 
 
 def yields(found: Findings) -> Iterator[Row]:
-    """Yield the yields with their intervals."""
-    for name, one in found.yields:
+    """Yield the yields with their intervals: of every listed value, then of all records."""
+    values = found.yields_by_value
+    pooled = f", {TOGETHER}" if values else ""
+    for name, one in [*values, *((name + pooled, one) for name, one in found.yields)]:
         interval = " to ".join(percent(end, 2) for end in one.interval)
         ends = "none: no random settings" if one.draws == 0 else interval
         yield name, one.passed, one.count, percent(one.share, 2), ends

@@ -2,8 +2,12 @@
 
 import csv
 
+import numpy as np
 import pytest
 from command_line import printed_json, refused, run
+
+from ann_dc.report.study_summary import summary
+from ann_dc.study import Table, load_study
 
 STUDY = """
 title = "chips"
@@ -32,7 +36,8 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
     assert code == 0
     assert "chips: 8 of 8 points" in said
     assert "settled 8 100.0%" in said
-    assert "yield: 50.0 % (6.8 to 93.2 %, 4 of 8 from 4 draws)" in said
+    pooled = "yield, all listed settings together: 50.0 % (6.8 to 93.2 %, 4 of 8 from 4 draws)"
+    assert said.index("0.02 0.0 % (") < said.index(pooled)
     assert "0.0 100.0 % (4 of 4, no random settings: no interval)" in said
     assert "0.02 0.0 % (0.0 to 60.2 %, 0 of 4)" in said
     with table.open(encoding="utf-8", newline="") as stream:
@@ -43,6 +48,12 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
     code, said = run("study", out, "--point", "5")
     assert code == 0
     assert all(f"{name} {rows[5][name]}" in said for name in ("seed", "settling_time", "outcome"))
+
+
+def test_summary_without_records_has_no_figures(file):
+    study = load_study(file)
+    nothing = Table(columns=dict.fromkeys(study.columns, np.empty(0)), spec=study.spec)
+    assert summary(study, nothing) == ["chips: 0 of 8 points", "no records yet"]
 
 
 def test_points_that_fail_are_told_by_the_code(file, tmp_path):

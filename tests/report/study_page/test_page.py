@@ -14,8 +14,10 @@ import pytest
 from browser import Browser, needs_chromium
 from study_pages import HOSTILE, findings, frame, hostile, store
 
+import ann_dc
 from ann_dc.errors import JinjaMissing, OutputError, PandasMissing, PlotlyMissing
 from ann_dc.report.study_page.page import page_of, write_study_page
+from ann_dc.study.store import Store
 
 READY = "document.documentElement.dataset.table && document.documentElement.dataset.figures"
 FIRST = "[...document.querySelectorAll('#rows tbody tr:not(.space)')][0].children"
@@ -57,7 +59,7 @@ def test_a_page_says_what_was_asked_and_found():
     for words in (
         "Settling of the car on drawn parts", "2,000", "Latin hypercube", "Horizon: the number",
         "Last time at which a control is off.", "settling_time ≤ 30 us, overshoot ≤ 0.25",
-        "Clopper-Pearson", "wall_time ~ problem.N^p", "ann-dc study 'out/car study' --point",
+        "Clopper-Pearson", "power ~ problem.N^p", "ann-dc study 'out/car study' --point",
         "numpy 2.4.6", "plotly.js", "Left out, because they tell less",
     ):  # fmt: skip
         assert words in text, words
@@ -106,6 +108,17 @@ def test_a_whole_file_or_none(tmp_path):
     with pytest.raises(OutputError, match="cannot be written"):
         write_study_page(store(20), tmp_path / "nowhere" / "page.html")
     assert [*tmp_path.iterdir()] == [file]
+
+
+def test_page_of_a_folder_is_that_of_its_store(tmp_path):
+    varied = {"nonideal.mismatch": [0.001, 0.01]}
+    study = ann_dc.Study(subject="double_integrator", vary=varied, samples=2)
+    folder, page, again = (tmp_path / name for name in ("study", "page.html", "again.html"))
+    study.run(folder, workers=0)
+    ann_dc.report.write_study_page(folder, page)
+    with Store.open(folder) as opened_store:
+        write_study_page(opened_store, again)
+    assert page.read_bytes() == again.read_bytes()
 
 
 MISSING = {"pandas": PandasMissing, "plotly.offline": PlotlyMissing, "jinja2": JinjaMissing}
