@@ -67,7 +67,7 @@ def solution_report(
         "second order": certificate.verdict,
         "Newton step": f"{certificate.newton_step:.1e} of a component's range at most",
         "simulation error": f"{solution.rollout_error:.1e} of a state's scale (terminal state of "
-        "an open-loop simulation against q_d)",
+        "a simulation of the discrete-time equations against q_d)",
         **_verification(solution),
         "problem": solution.problem,
         "units": unit_list(solution.problem),
