@@ -11,6 +11,7 @@ from typer.main import get_command
 
 from ann_dc.backends.status import EXPLANATIONS, Outcome
 from ann_dc.cli.commands.app import app
+from ann_dc.problem.named_functions import FUNCTIONS
 
 GUIDE = ROOT / "demos" / "guide"
 PAGES = sorted(GUIDE.glob("*.md"))
@@ -72,6 +73,12 @@ def test_table_of_outcomes_has_a_row_for_every_outcome():
     assert {name: tuple(texts) for name, *texts in rows} == {
         outcome.name: tuple(explanation) for outcome, explanation in EXPLANATIONS.items()
     }
+
+
+def test_page_of_problems_lists_the_functions_of_formulas():
+    page = (GUIDE / "problems.md").read_text("utf-8")
+    (listed,) = re.findall(r"and the functions\s`([a-z ]+)`", page)
+    assert listed.split() == [*FUNCTIONS]
 
 
 NAMES = re.compile(r"ann-dc [a-z]+(?: --[a-z-]+)?|--[a-z-]+")

@@ -85,7 +85,7 @@ def _bound(name: str, value: Any, none: float) -> float:
     if not is_finite(value):
         raise ProblemError(
             f"bounds[{name}]: expected a finite number or None, got {value!r}; use "
-            "constraints= for bounds that vary"
+            "constraints= for bounds that vary, and terminal_constraints= if the end is free"
         )
     return float(value)
 

@@ -27,7 +27,8 @@ def plant_table(known: Iterable[Plant]) -> Table:
     """Return a table with one row per plant."""
     listed = table("plant", "states", "controls", "N", "dt", "description", dense=True)
     listed.columns[0].no_wrap = True
-    listed.columns[1].min_width = listed.columns[2].min_width = 13
+    for column, width in zip(listed.columns[1:5], (13, 12, 3, 7)):
+        column.min_width = column.max_width = width  # the description has the rest of the line
     for plant in known:
         problem = plant()
         states, controls = (
@@ -69,10 +70,11 @@ def plant_dict(plant: Plant, defaults: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _summary(plant: Plant) -> str:
-    """Return the first sentence of a plant's docstring without mark-up."""
+    """Return the first sentence of a plant's docstring without verb and mark-up."""
     paragraph = " ".join((inspect.getdoc(plant) or "").split("\n\n")[0].split())
     plain = re.sub(r",? ?:math:`[^`]*`|``", "", paragraph)
-    return re.split(r"(?<=\.)\s", plain)[0]
+    declared = re.sub(r"^Declare (the |an? )?", "", re.split(r"(?<=\.)\s", plain)[0])
+    return declared[:1].upper() + declared[1:]
 
 
 def _documented(plant: Plant) -> dict[str, str]:

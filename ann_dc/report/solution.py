@@ -15,18 +15,26 @@ from ann_dc.backends.curves import write_curves
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.run import Backend
+from ann_dc.backends.status import Outcome
 from ann_dc.gain_design.neighbourhood import neighbourhood
+from ann_dc.gain_design.procedure import Design
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import headline, indented, named_rows, span, table, unit_list
 from ann_dc.solution.solution import Solution
+from ann_dc.timing import phase
 from ann_dc.weights.network_file import save as save_network
 
 LISTED = 12
 """Largest number of rows of the table of stages that is shown in full by default."""
 FIRST, LAST = 4, 3
 """Numbers of rows at both ends of a longer table."""
+NO_SOLUTION = "values are the last state of the network, not a solution"
+"""Remark on objective, states and controls of an infeasible or unbounded problem."""
+FAR = 3.0
+"""Ratio of measured and predicted settling time from which the report remarks on it."""
 SMALLEST = 1e-7
 """Values below this fraction of the largest of their column are shown as zero."""
 WIDEST = 8
@@ -67,7 +75,7 @@ def solution_report(
         "second order": certificate.verdict,
         "Newton step": f"{certificate.newton_step:.1e} of a component's range at most",
         "simulation error": f"{solution.rollout_error:.1e} of a state's scale (terminal state of "
-        "an open-loop simulation against q_d)",
+        "a simulation of the discrete-time equations against q_d)",
         **_verification(solution),
         "problem": solution.problem,
         "units": unit_list(solution.problem),
@@ -86,9 +94,15 @@ def _headline(solution: Solution) -> Text:
     verdict = (
         f"{reached} a certified optimum, {solution.verdict}"
         if solution.certified
-        else f"not certified: {solution.verdict}"
+        else f"not certified: {solution.verdict}{_without_solution(solution)}"
     )
     return headline(solution.problem.name, verdict, solution.certified)
+
+
+def _without_solution(solution: Solution) -> str:
+    """Return a remark on the values of a problem without a solution, else an empty text."""
+    has_none = solution.status.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED)
+    return f" ({NO_SOLUTION})" if has_none else ""
 
 
 def stage_table(solution: Solution, stages: Stages = Stages.SHORT) -> Table:
@@ -110,6 +124,7 @@ def stage_table(solution: Solution, stages: Stages = Stages.SHORT) -> Table:
         cells = [_number(c, k) if k < len(c) else "" for c in columns]
         shown.add_row(*([str(k), *cells] if k >= 0 else ["..."]))
     notes = ["all stages: --table all"] * (len(rows) < count)
+    notes += [NO_SOLUTION] * bool(_without_solution(solution))
     notes += [f"{hidden} more columns: --trajectory FILE"] * (hidden > 0)
     shown.caption = "; ".join(notes) or None
     return shown
@@ -134,8 +149,9 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
     if design is not None and design.first.found_by:
         times["optimum found by"] = design.first.found_by
     if design is not None and design.start:
-        times["initial state"] = f"{design.start} (preset), not the given initial guess"
-        times["neighbourhood"] = str(neighbourhood(design))
+        times["initial state"] = _preset(design)
+        with phase("neighbourhood"):
+            times["neighbourhood"] = str(neighbourhood(design))
     if recurrence is not None:
         times["recurrence"] = recurrence
     found = []
@@ -147,8 +163,27 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
         continuous = "" if recurrence is None else " in continuous time"
         found.append(f"{predicted * design.spectrum.radius:.3g} predicted{continuous}")
     if found:
-        times["settling time"] = f"{', '.join(found)} (tau_min: fastest time constant)"
+        remark = _prediction_remark(solution) if recurrence is None else ""
+        times["settling time"] = f"{', '.join(found)} (tau_min: fastest time constant{remark})"
     return times
+
+
+def _preset(design: Design) -> str:
+    """Return the preset of a design, with the option to try for the given initial guess."""
+    text = f"{design.start} (preset), not the given initial guess"
+    multilevel = PreconditionerKind.MULTILEVEL
+    if design.best.kind is multilevel:
+        return text
+    return f"{text}; to settle from the guess, try --preconditioner {multilevel.value}"
+
+
+def _prediction_remark(solution: Solution) -> str:
+    """Return a remark if measured and predicted settling time differ by the factor `FAR`."""
+    measured, predicted = solution.settling_time, solution.predicted_settling
+    if predicted is None or not solution.status.settled:
+        return ""
+    differ = max(measured, predicted) > FAR * min(measured, predicted)
+    return "; the prediction holds near the optimum" if differ else ""
 
 
 def _verification(solution: Solution) -> dict[str, str]:
@@ -204,14 +239,16 @@ def write_solution(
     written: list[Path] = []
     if figures is not None:
         progress("drawing")
-        written += plotting.save_all(solution, figures)
-    if json_file is not None:
-        write_json(json_file, solution.as_dict())
-    if trajectory is not None:
-        write_curves(solution.trajectory, trajectory)
-    if weights is not None:
-        save_network(solution.network, weights)
-    if folder is not None:
-        solution.save(folder, overwrite=overwrite)
+        with phase("figures"):
+            written += plotting.save_all(solution, figures)
+    with phase("other files"):
+        if json_file is not None:
+            write_json(json_file, solution.as_dict())
+        if trajectory is not None:
+            write_curves(solution.trajectory, trajectory)
+        if weights is not None:
+            save_network(solution.network, weights)
+        if folder is not None:
+            solution.save(folder, overwrite=overwrite)
     paths = (json_file, trajectory, weights, folder)
     return written + [path for path in paths if path is not None]

@@ -76,14 +76,14 @@ def verdict_text(good: bool, verdict: str) -> Text:
 
 
 def unit_list(problem: OptimalControlProblem) -> str:
-    """Return the quantities with their units of measure; dt always has a unit.
+    """Return the quantities with their units of measure; time always has one.
 
     >>> from ann_dc import plants
     >>> unit_list(plants.double_integrator())
-    'x (m), v (m/s), a (m/s^2), dt (s)'
+    'x (m), v (m/s), a (m/s^2), time (s)'
     """
     names = [str(s) for s in (*problem.states, *problem.controls, *problem.inputs)]
-    units = [*((name, problem.unit(name)) for name in names), ("dt", problem.time_unit)]
+    units = [*((name, problem.unit(name)) for name in names), ("time", problem.time_unit)]
     units += [("cost", problem.cost_unit)]
     return ", ".join(f"{name} ({unit})" for name, unit in units if unit)
 

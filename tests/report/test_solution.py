@@ -22,13 +22,44 @@ def test_the_report_names_what_decides(solution):
     with console.capture() as capture:
         console.print(solution_report(solution, ann_dc.OdeBackend()))
     text = capture.get()
-    assert "x (m), v (m/s), a (m/s^2), dt (s)" in text
+    assert "x (m), v (m/s), a (m/s^2), time (s)" in text
     assert "tau_min: fastest time constant" in text
     for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "preconditioner"):
         assert row in text
     assert "recurrence" not in text
     assert "relative in natural scales (feasibility" in " ".join(text.split())
     assert "in the problem's units" not in text
+
+
+def text_of(solution):
+    console = Console(width=200, color_system=None)
+    with console.capture() as capture:
+        console.print(solution_report(solution))
+    return capture.get()
+
+
+@pytest.mark.parametrize(("factor", "remarks"), [(1, 0), (2, 0), (4, 1), (0.2, 1)])
+def test_settling_time_far_from_its_prediction_has_a_remark(solution, factor, remarks):
+    time = factor * solution.predicted_settling
+    text = text_of(replace(solution, run=replace(solution.run, settling_time=time)))
+    assert text.count("; the prediction holds near the optimum)") == remarks
+
+
+def test_preset_names_the_next_step(solution):
+    assert "--preconditioner multilevel" not in text_of(solution)
+    start = "6 stages of the known trajectory"
+    text = text_of(replace(solution, design=replace(solution.design, start=start)))
+    assert f"{start} (preset), not the given initial guess; to settle from the guess, try" in text
+    assert "neighbourhood" in text
+
+
+def test_values_of_an_infeasible_problem_are_no_solution(solution):
+    remark = "values are the last state of the network, not a solution"
+    weak = ann_dc.solve(replace(solution.problem, bounds={"a": (-0.5, 0.5)}))
+    text = " ".join(text_of(weak).split())
+    assert text.count(remark) == 2
+    assert f"infeasible: no controls reach the target ({remark})" in text
+    assert remark not in text_of(solution)
 
 
 def test_a_misprint_has_no_predicted_settling(solution):

@@ -53,4 +53,4 @@ def test_units_are_listed_where_they_were_declared():
         states=(x, dt), controls=(u,), map=(x + u, dt + u), cost=u**2, horizon=3, q_0=(0, 0),
         units={x: "K", dt: "m", "cost": "EUR", "time": "day"},
     )  # fmt: skip
-    assert unit_list(problem) == "x (K), dt (m), dt (day), cost (EUR)"
+    assert unit_list(problem) == "x (K), dt (m), time (day), cost (EUR)"

@@ -30,7 +30,7 @@ def test_a_plant_shows_its_units(name):
     problem = plants.get(name)()
     for symbol in (*problem.states, *problem.controls):
         assert f"{symbol} ({problem.unit(str(symbol))})" in text
-    assert f"dt ({problem.time_unit})" in text
+    assert f"time ({problem.time_unit})" in text
 
 
 BAD = {
