@@ -152,7 +152,7 @@ def test_rails_that_clip_are_told():
     run = simulate(tight, circuit, probe)  # scaled for other op amps
     assert run.settled()
     assert run.control_error > 1e-2
-    assert any("good for 0.63 V" in str(overload) for overload in run.overloads)
+    assert any("beyond its limit of 0.63 V" in str(overload) for overload in run.overloads)
     high = SpiceBackend(level=BEHAVIOURAL, headroom=1.01).run(neighbour_wired("car"))
     assert "above 0.95 V; the model does not clip" in str(high.overloads[0])
 

@@ -33,7 +33,7 @@ def test_a_syntax_error(ngspice, tmp_path):
         runner.Ngspice(keep=tmp_path / "made" / "kept").run(deck)
     message = str(caught.value)
     assert re.search(r"\n  \| .*unknown subckt: x1 a b nosuch", message)
-    kept = Path(re.search(r"kept as '(.*)'; ngspice printed last:\n", message)[1])
+    kept = Path(re.search(r"stored as '(.*)'; ngspice printed last:\n", message)[1])
     assert kept.read_text() == deck
     assert kept.is_relative_to(tmp_path / "made" / "kept")
     assert {file.name for file in kept.parent.iterdir()} == {"deck.cir", "ngspice.log"}
