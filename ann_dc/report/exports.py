@@ -42,7 +42,7 @@ def inspections_table(found: Sequence[Inspection]) -> Table:
         shown.add_row(printable(each.kind), good, Text(printable(said)))
     wrong = [each.kind for each in found if not each.good]
     verdict = f"changed: {', '.join(wrong)}" if wrong else f"all {len(found)} are unchanged"
-    shown.caption = printable(verdict)
+    shown.title = printable(verdict)
     return shown
 
 
@@ -50,4 +50,4 @@ def inspection_table(found: Inspection) -> Table:
     """Return a table of one inspection."""
     good = Text("yes", "green") if found.good else Text(printable(f"no: {found.wrong}"), "red")
     place = {"place": str(found.place), "format": found.kind}
-    return named_rows({**place, **found.facts, "unchanged": good})
+    return named_rows({"unchanged": good, **place, **found.facts})
