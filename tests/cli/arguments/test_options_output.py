@@ -10,7 +10,7 @@ from command_line import SMALL, terminal
 def test_timing_is_told_on_stderr_whatever_becomes_of_the_command():
     code, out, err = terminal("solve", *SMALL, "--timing", "--quiet")
     assert (code, out) == (0, b"")
-    rows = dict(re.findall(r"^([a-z ]+?)  +([\d.]+) +[\d.]+$", err.decode(), re.MULTILINE))
+    rows = dict(re.findall(r"^([a-z -]+?)  +([\d.]+) +[\d.]+$", err.decode(), re.MULTILINE))
     assert {"start", "problem", "imports", "gain-scheduled run", "run", "certificate"} <= set(rows)
     spent = {name: float(ms) for name, ms in rows.items()}
     together = spent.pop("together")

@@ -96,7 +96,7 @@ def test_bad_input_is_told_in_a_sentence_with_code_2(words, meaning):
 def test_errors_go_to_stderr():
     code, out, err = terminal("solve", "cra")
     assert (code, out) == (2, b"")
-    assert err.startswith(b"error: there is no plant 'cra'; did you mean car")
+    assert err.startswith(b"error: unknown plant 'cra'; did you mean car")
     assert err.count(b"\n") == 1
 
 
