@@ -42,7 +42,7 @@ def test_noise_is_that_of_its_seed():
 
 
 def test_noise_lasts_as_long_as_a_run():
-    with pytest.raises(StudyError, match=r"set it"):
+    with pytest.raises(StudyError, match=r"set run.duration"):
         ann_dc.Study(subject="car", vary={"nonideal.noise": [0.1]}, metrics=["steps"])
     with pytest.raises(StudyError, match=r"use a shorter run\.duration"):
         noisy(low_pass(1), 0.1, 0, 1e6)

@@ -136,7 +136,7 @@ def test_bad_options_of_a_network_are_refused_by_name(damped, oscillator):
     refused(["circuit", damped, "--corners", "--duration", 3], "--duration: corners, yields")
     words = ["circuit", oscillator, "--duration", 3, "--no-simulate"]
     for name in ("error-budget", "samples", "loops"):
-        refused([*words, f"--{name}", 2], f"(--{name}) needs a network that settles")
+        refused([*words, f"--{name}", 2], f"(--{name}), got one that does not")
 
 
 def test_yield_of_a_network_in_a_file(damped, tmp_path):
