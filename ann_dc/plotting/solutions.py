@@ -154,7 +154,7 @@ def _state_over_time(axes: Axes, solution: Solution, name: str) -> None:
     )  # fmt: skip
     axes.plot(
         time, style.drawable(solution.certificate.rollout[row]), "--",
-        color=INK, lw=1.0, label="simulation of the discrete-time equations",
+        color=INK, lw=1.0, label="simulation (discrete time)",
     )  # fmt: skip
     _, target = _ends(solution, [row])
     if np.isfinite(target).all():

@@ -99,7 +99,7 @@ def definitions(curves: Sequence[Curves], *, title: str = "") -> Figure:
         bound.semilogy(j, style.drawable(np.abs(curve.B / curve.A)), **line)
         change.plot(j, style.drawable(foretold), **line)
     did = np.diff(curves[0].theta)
-    change.plot(j[:-1], style.drawable(did), ":", color=INK, lw=2.0, label="what Θ did")
+    change.plot(j[:-1], style.drawable(did), ":", color=INK, lw=2.0, label="measured ΔΘ")
     bound.plot(j, curves[0].gain, "--", color=GREY, lw=1.2, label="applied λ")
     for axes, label in zip((a, b, bound, change), ("A", "B", "|B/A|", "ΔΘ = A λ² + B λ")):
         axes.set_ylabel(f"{label} (network units)")
