@@ -41,7 +41,7 @@ WORDS = {
     "paper": (("--output", "OUT"), "corrected D=1"),
 }
 """Arguments of each command, and a name that its JSON data contain."""
-MINUTES = {"levels", "paper"}
+MINUTES = {"export", "report", "study", "levels", "paper"}
 EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name in MINUTES)) for name in COMMANDS]
 
 

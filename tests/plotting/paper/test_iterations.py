@@ -34,7 +34,7 @@ def test_what_is_foretold_stands_beside_what_theta_did():
         foretold.get_ydata(), CURVES.A * CURVES.gain**2 + CURVES.B * CURVES.gain
     )
     np.testing.assert_allclose(did.get_ydata(), 10.0)
-    assert did.get_label() == "what Θ did"
+    assert did.get_label() == "measured ΔΘ"
 
 
 def test_quotients_stand_beside_their_rates():
