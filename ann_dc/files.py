@@ -244,11 +244,11 @@ def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
     """
     text = _read_text(file, kind)
     if _LONG_KEY.search(text):
-        raise FileFormatError(f"{file}: a key has too many dots")
+        raise FileFormatError(f"{file}: a key has too many dots; see {example}")
     try:
         return tomllib.loads(text)
     except RecursionError as error:
-        raise FileFormatError(f"{file}: the file nests too deeply") from error
+        raise FileFormatError(f"{file}: the file nests too deeply; see {example}") from error
     except tomllib.TOMLDecodeError as error:
         raise FileFormatError(f"{file}: not valid TOML: {error}; see {example}") from error
     except ValueError as error:  # an impossible date, a whole number of 5000 digits

@@ -33,7 +33,7 @@ KINDS = (
 
 
 def lost(name: str, kind: PreconditionerKind) -> tuple[int, float]:
-    """How many of the starts are lost, and the median settling time in fastest time constants."""
+    """Return the number of lost starts and the median settling time in tau_min."""
     problem = SUITE[name].problem
     designed = ann_dc.design(problem, preconditioner=[kind])
     settling = []

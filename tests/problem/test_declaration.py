@@ -71,7 +71,7 @@ REFUSED = [
     ({"states": ()}, "states: expected a non-empty sequence", "sp.symbols"),
     ({"states": "x v"}, "states:", "sp.symbols"),
     ({"controls": ("a",)}, "controls: 'a' is not a sympy.Symbol", "use sp.symbols"),
-    ({"controls": (x,)}, "name 'x' is used twice", "names"),
+    ({"controls": (x,)}, "name 'x' is used twice", "use different names"),
     (named("X"), "name 'X' is used twice", "upper and lower case"),
     (named("pi"), "name 'pi' is reserved: formulas in text form use it", "rename it"),
     (named("inf"), "name 'inf' is reserved: tables and files", "rename it"),

@@ -160,7 +160,7 @@ REFUSED = [
     (('["a"]', '"a"'), "controls: expected a list of names", "got 'a'"),
     (('["a"]', "[1]"), "controls: expected a list of names", "got [1]"),
     (('["a"]', '["lambda"]'), "cost: 'a' is not a name", "Allowed:"),
-    (('["x", "v"]', '["x", "x", "v"]'), "name 'x' is used twice", "names"),
+    (('["x", "v"]', '["x", "x", "v"]'), "name 'x' is used twice", "use different names"),
     (("[0, 0.5]", "[0]"), "q_0: 2 values expected", "x, v"),
     (("[0, 0.5]", "0"), "q_0: expected one value for each state", "got 0"),
     (("[0, 0.5]", "[0, nan]"), "q_0: component v is nan", "finite number"),
@@ -271,10 +271,10 @@ NOT_A_FILE = [
     (b"\xff\xfe\x00", "not UTF-8", "save it as UTF-8"),
     (b"x = 1\x00", "not valid TOML", "demos/pendulum.toml"),
     ("a = " + "9" * 5000, "a value cannot be read", "digits"),
-    ("a = " + "[" * 90_000, "nests too deeply", "too"),
-    ("a = " + "{a = " * 90_000, "nests too deeply", "too"),
-    ("a." * 400_000 + "a = 1", "too many dots", "too"),
-    ('"a\\"" . ' * 90_000 + "a = 1", "too many dots", "too"),
+    ("a = " + "[" * 90_000, "nests too deeply", "demos/pendulum.toml"),
+    ("a = " + "{a = " * 90_000, "nests too deeply", "demos/pendulum.toml"),
+    ("a." * 400_000 + "a = 1", "too many dots", "demos/pendulum.toml"),
+    ('"a\\"" . ' * 90_000 + "a = 1", "too many dots", "demos/pendulum.toml"),
     ("#" * 1_000_001, "larger than 1000000 bytes", "use the path of"),
 ]
 
