@@ -52,6 +52,7 @@ from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
+from ann_dc.progress import Stopped
 from ann_dc.weights.entries import BROKEN, Entries, NpzEntries, packed_entries
 from ann_dc.weights.manifest import Table, read_manifest, typed
 from ann_dc.weights.network_file import MAX_BYTES, packed, unpacked
@@ -112,6 +113,8 @@ class Reader:
             return _choice(hint.__members__, given, place)
         if hint is Preconditioner:
             return self._preconditioner(given, place)
+        if hint is Stopped:
+            return Stopped(_plain(str, given, place))
         return self.record(hint, given, place)
 
     def _composed(self, hint: Any, given: Any, place: str) -> Any:
@@ -358,7 +361,10 @@ class Writer:
         self.arrays: dict[str, np.ndarray] = {}
 
     def value(self, value: Any, place: str) -> Any:
-        """Convert None, bool, number, str, Enum, array, tuple, list, mapping or record to JSON."""
+        """Convert None, bool, number, str, Enum, array, tuple, list, mapping or record to JSON.
+
+        The cause of an early end becomes its text.
+        """
         if value is None or isinstance(value, (bool, str)):
             return value
         if isinstance(value, numbers.Number):
@@ -367,6 +373,8 @@ class Writer:
             return value.name
         if isinstance(value, np.ndarray):
             return self._array(value, place)
+        if isinstance(value, Stopped):
+            return str(value)
         return self._composed(value, place)
 
     def _composed(self, value: Any, place: str) -> Any:

@@ -1,5 +1,7 @@
 """Saved solutions: what comes back is what was saved, and runs again with the same bits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from network_files import assert_same
@@ -162,3 +164,21 @@ def test_save_overwrite_replaces_a_saved_solution_only(tmp_path):
             solution.save(tmp_path / name, overwrite=True)
     assert (tmp_path / "file").read_text() == "kept"
     assert [file.name for file in (tmp_path / "other").iterdir()] == ["manifest.json"]
+
+
+@pytest.mark.parametrize("name", ["stopped", "infeasible"])
+def test_solution_whose_design_ended_early_is_saved(name, tmp_path):
+    problem = ann_dc.plants.double_integrator(N=5)
+    if name == "stopped":
+        solution = ann_dc.solve(problem, time_limit=1e-3)
+    else:
+        solution = ann_dc.solve(replace(problem, bounds={problem.controls[0]: (-0.5, 0.5)}))
+    assert solution.status.outcome.name == name.upper()
+    solution.save(tmp_path / "result")
+    again = ann_dc.load_solution(tmp_path / "result")
+    assert str(again.status) == str(solution.status)
+    assert str(again.design.first.ended) == str(solution.design.first.ended)
+    assert again.design.first.ended is not None
+    again.save(tmp_path / "again")
+    for file in ("manifest.json", "arrays.npz"):
+        assert (tmp_path / "again" / file).read_bytes() == (tmp_path / "result" / file).read_bytes()
