@@ -20,6 +20,7 @@ def point(solution):
     return np.column_stack([q, t[:, -1]]), u
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "name",
     [
@@ -35,6 +36,7 @@ def test_the_frozen_network_settles_at_an_optimum(name):
     assert solution.certificate.objective <= again.objective + 1e-5 * abs(again.objective)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", QUICK)
 def test_backends_agree(name):
     """Continuous time, recurrent steps, and SciPy's integrator."""

@@ -99,6 +99,7 @@ def test_ideal_parts_settle_where_the_network_does(name):
     check_active(run)
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize(
     ("name", "share", "sooner"), [("limited control", 0.1, 0.05), ("limited speed", 0.03, 0.02)]
@@ -114,6 +115,7 @@ def test_op_amps_settle_where_their_emulation_says(name, share, sooner):
     check_active(run)
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize(
     ("problem", "level", "seed"),
@@ -255,6 +257,7 @@ SPEEDS = {
 }
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize("name", SPEEDS)
 def test_the_way_is_that_of_the_emulation(name):
@@ -314,6 +317,7 @@ def coupled(name, kind):
     return design(build(), preconditioner=[kind]).network
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize(
     ("name", "kind", "course"),
@@ -347,6 +351,7 @@ def test_rails_of_coupled_neurons_hold_circuits_as_they_are_emulated(name, kind,
     assert np.sqrt(((ours - theirs) ** 2).mean() / (theirs**2).mean()) < course
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_states_follow_the_projection_as_closely_as_they_follow_clamps():
     """At a margin of 60, rows are up to 1.9 % off and clamps 1.5 %; at 10, 4.9 % and 8.8 %."""

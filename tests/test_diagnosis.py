@@ -26,6 +26,7 @@ def with_ratio(found: Diagnosis, ratio: float) -> Diagnosis:
     return replace(found, slowness=replace(found.slowness, spectrum=values))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_it_fits_on_a_page(name):
     lines = str(diagnosis(name)).splitlines()

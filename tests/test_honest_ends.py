@@ -29,7 +29,7 @@ def solved_soon(problem, **options):
     return solution
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", INFEASIBLE)
 def test_an_infeasible_problem_names_what_cannot_be_met(name):
     problem, nearest = INFEASIBLE[name]
@@ -40,7 +40,7 @@ def test_an_infeasible_problem_names_what_cannot_be_met(name):
         assert f"q_d.{state} = " in str(solution.status)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", UNBOUNDED)
 def test_an_unbounded_problem_is_told_as_such(name):
     solution = solved_soon(UNBOUNDED[name])

@@ -54,6 +54,7 @@ def test_long_compilation_is_announced_once_per_process_and_never_if_cached(tmp_
     assert run(tmp_path, program, 3.0) == (out, "")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("words", [(1.0,), (3.0, "quiet")], ids=["short", "silenced"])
 def test_short_or_silenced_compilation_is_not_announced(tmp_path, words):
     program = tmp_path / "program.py"

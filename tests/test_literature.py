@@ -7,6 +7,7 @@ from literature import LITERATURE
 from reference import best_of, ipopt
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", LITERATURE)
 def test_ipopt_finds_an_optimum_of_the_table(name):
     entry = LITERATURE[name]

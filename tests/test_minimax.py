@@ -107,6 +107,7 @@ def test_objectives_and_inequalities_together():
     assert solution.certificate.complementarity.strong > 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "backend",
     [

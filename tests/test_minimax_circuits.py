@@ -75,6 +75,7 @@ def test_shares_are_those_of_the_ode(name, level):
         assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.02)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_shares_behind_output_resistances_settle_as_predicted():
     level = presets.get("opa192_ad734")
@@ -85,6 +86,7 @@ def test_shares_behind_output_resistances_settle_as_predicted():
     assert run.settling_time() == pytest.approx(reported.settling_time, rel=0.01)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_softened_shares_are_exponentials_of_generators():
     run = backend_of("softened", MACRO).run(network_of("softened"))
@@ -120,6 +122,7 @@ def test_larger_ones_share_as_the_ode_does(name, level):
         assert run.control_error == pytest.approx(reported.control_error, rel=0.2)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["one stage", "one counts", "both count"])
 def test_emulated_op_amps_settle_where_the_network_does(name):
     circuit, probe = prepared(name, MACRO)

@@ -35,6 +35,7 @@ def returned(family: str, seed: int, limit: float, grace: float = GRACE):
     return solution
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "family",
     [

@@ -181,6 +181,7 @@ CONTRADICTIONS = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", CONTRADICTIONS)
 def test_rows_that_contradict_each_other_are_named(name):
     problem, words = CONTRADICTIONS[name]
@@ -218,6 +219,7 @@ def test_what_is_slow_but_feasible_is_not_said_to_contradict_itself():
     assert "grow" not in str(run.status)
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize(
     "soft",

@@ -47,6 +47,7 @@ STARTS = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize(("D", "known"), [(1.0, 398.6315), (0.5, 368.1893)])
 def test_the_papers_example(D, known, start):
@@ -249,6 +250,7 @@ ENDS = {
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "end", [end if "half" in end else pytest.param(end, marks=pytest.mark.slow) for end in ENDS]
 )
@@ -308,6 +310,7 @@ ODD = {
 }  # fmt: skip
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("horizon", [6, pytest.param(260, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ODD)
 def test_a_singular_kkt_matrix_is_data(name, horizon):

@@ -7,6 +7,7 @@ from problems import SUITE
 FAST = ("car_g2", "double_integrator")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in SUITE]
 )

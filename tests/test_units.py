@@ -85,6 +85,7 @@ def assert_same_solution(problem: OptimalControlProblem, units: Units, ours, the
     assert units.cost * other_proof.objective == pytest.approx(certificate.objective, rel=1e-7)
 
 
+@pytest.mark.sampled(2)
 @seeds(2)
 @pytest.mark.parametrize("name", ["double_integrator", "pendulum"])
 def test_a_plant_in_random_units(name, seed):

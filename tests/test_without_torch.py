@@ -54,6 +54,7 @@ def test_recurrent_steps_load_no_torch(script):
     assert told_by(script.format(first="") + LOADED) == "False"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "script",
     [pytest.param(SOLVES, marks=pytest.mark.slow), COMMAND, TWO_LEVELS],
@@ -88,6 +89,7 @@ except ImportError as error:
 """
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("needing", NEEDING.values(), ids=NEEDING)
 def test_what_needs_torch_says_how_to_get_it(needing):
     reported = told_by(ASKED.format(needing=needing))

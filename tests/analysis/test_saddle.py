@@ -13,6 +13,7 @@ def sparse(monkeypatch):
     return lambda: monkeypatch.setattr("ann_dc.analysis.saddle.DENSE_LIMIT", 10)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["car", "van_der_pol", "unicycle"])
 def test_a_minimum_is_told_from_a_saddle_by_factors_too(name, sparse):
     """At the optimum, and at states around it, of which some are minima and some are not."""

@@ -165,6 +165,7 @@ def woven(function: str) -> Network:
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "function",
     [

@@ -32,6 +32,7 @@ def slowness(name):
     return slowness_of(designed(name).network, designed(name).state)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_rate_is_curvature_and_penalty_over_energy(name):
     for mode in slowness(name).modes:

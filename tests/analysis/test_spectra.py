@@ -71,6 +71,7 @@ def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
     np.testing.assert_allclose(ends.abscissa, expected.real.max(), rtol=1e-3)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "kind",
     [PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION],
@@ -110,6 +111,7 @@ def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monk
     np.testing.assert_allclose(penalty_threshold(network, found.state), threshold, rtol=1e-2)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("problem", "stages", "penalty_factor"), [("crane", 20, 64.0), ("cart_pole", 25, 4.0)]
 )
@@ -168,6 +170,7 @@ def test_modes_that_swing_and_hardly_decay_are_not_missed(problem, kind, monkeyp
     assert found.abscissa == pytest.approx(expected.abscissa, rel=1e-6)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("growing", [2.0, 9.5])
 def test_what_grows_fast_and_does_not_swing_is_not_missed(growing):
     """Among modes from 1e-3 to 10 that decay: none near it, and none faster."""

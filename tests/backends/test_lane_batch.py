@@ -200,6 +200,7 @@ def test_tighter_tolerances_give_the_same_times():
 # ---- recurrent steps -----------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "step",
     [None, pytest.param(ann_dc.FixedStep(step=0.05), marks=pytest.mark.slow)],

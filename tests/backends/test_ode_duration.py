@@ -60,6 +60,7 @@ def test_a_network_that_has_not_settled_yet_is_told_so():
     assert "the given duration" in str(run.status)
 
 
+@pytest.mark.slow
 @given(st.floats(1e-3, 40.0), st.integers(1, 9))
 def test_samples_end_together_and_are_scipys(duration, count):
     starts = np.column_stack([np.linspace(-2, 2, count), np.zeros(count)])

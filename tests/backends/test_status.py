@@ -241,7 +241,7 @@ ADVICE = [
 """Outcome, advice, the backend and network that are told so, and those that follow."""
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(2)
 @pytest.mark.filterwarnings("ignore:.*step:UserWarning")
 @pytest.mark.parametrize(("outcome", "advice", "backend", "network", "other", "changed"), ADVICE)
 def test_run_that_follows_advice_settles(outcome, advice, backend, network, other, changed):

@@ -89,6 +89,7 @@ def test_a_car_follows_its_target_alike_in_the_ode_and_in_ngspice():
     np.testing.assert_allclose(built.error[20:], ideal.error[20:], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_slower_target_is_followed_more_closely():
     network = ann_dc.design(ann_dc.plants.car()).network
     errors = [
@@ -109,6 +110,7 @@ def test_a_moving_start_is_followed_as_well():
     np.testing.assert_allclose(shown, 0.3 * run.trajectory.time / 500.0)
 
 
+@pytest.mark.slow
 def test_a_study_measures_the_tracking_error():
     network = circling(ann_dc.design(ann_dc.plants.car()).network, 400.0)
     study = ann_dc.Study(
@@ -172,6 +174,7 @@ def test_layers_and_two_levels_refuse_inputs_over_time():
             made()
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_a_driven_oscillator_has_the_steps_of_an_oscillator():
     """x'' = -x + u: an input of zero over time is none."""

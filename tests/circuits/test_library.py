@@ -67,6 +67,7 @@ def ngspice():
 # ---- what is measured ------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("bench", BENCHES, ids=lambda file: file.stem)
 def test_a_testbench_measures_what_its_header_says(ngspice, bench):
     before = set(bench.parent.iterdir())
@@ -159,7 +160,7 @@ X3 s2 lam rst integ c=1n
 """
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("ohms", "end"), [("10k", "300u"), ("100k", "2m")])
 @pytest.mark.parametrize("level", [*LEVELS, *VARIANTS])
 def test_an_inverter_with_its_default_resistors_drives_a_saddle_flow(

@@ -39,6 +39,7 @@ def test_a_sweep_is_the_law(volts):
     assert np.abs(out - reported(GILBERT.at(volts), volts, sweep)).max() < 3e-5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("gain", [0.1, 0.5, 2.0])
 def test_multiplier_of_small_or_large_gain_follows_the_law(gain):
     """The law of gain 1 times the gain was 36 uV off at the corners, and 50 uV beside 1 V of z."""

@@ -103,6 +103,7 @@ def test_held_problem_has_the_scales_of_the_problem():
     assert from_held.cost == pytest.approx(from_problem.cost, rel=1e-12)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("bounds", [(-1, 1), (0, 1), (0.5, 2), (-3, -1)])
 def test_solve_certifies_a_strict_minimum_with_held_controls_inside_their_limits(bounds):
     problem = replace(CHAIN, bounds={a: bounds})

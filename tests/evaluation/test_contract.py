@@ -120,7 +120,7 @@ def test_every_kind_of_preconditioner(name, preconditioner, kind):
     ],
 )
 @pytest.mark.parametrize("name", ["car_steer", "lander", "moving", "end_disc"])
-@pytest.mark.sampled
+@pytest.mark.sampled(3)
 def test_diodes_that_conduct_and_others(name, preconditioner, kind):
     """Some controls beyond their rails, some multipliers of inequalities pressed."""
     plain = synthesize(CONSTRAINED[name].problem)
@@ -140,7 +140,7 @@ def test_diodes_that_conduct_and_others(name, preconditioner, kind):
 )
 @pytest.mark.parametrize("name", ["car_steer", "lander", "end_disc"])
 @pytest.mark.parametrize("compliance", [0.0, 0.02])
-@pytest.mark.sampled
+@pytest.mark.sampled(3)
 def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, preconditioner, kind):
     price = {"car_steer": 300.0, "lander": 1.0, "end_disc": 30.0}[name]
     soft = Soft(weight=price, compliance=compliance / price)

@@ -116,6 +116,7 @@ def test_moves_at_rails_are_bounded_least_squares(name, populations, preconditio
         assert_close(ours.rhs(x), expected, 1e-9)
 
 
+@pytest.mark.sampled(10)
 @every_evaluator
 @pytest.mark.parametrize("preconditioner", PreconditionerKind, ids=lambda kind: kind.name.lower())
 def test_no_move_points_outward_at_a_rail(preconditioner, kind):
@@ -199,6 +200,7 @@ def test_drives_are_cut_by_their_own_signs(preconditioner, kind):
     assert_close(network.pack(ours.drives(x)), np.where(cut, 0.0, raw))
 
 
+@pytest.mark.sampled(21)
 @every_evaluator
 @every_coupled
 @pytest.mark.parametrize("population", ["q", "u"])
@@ -219,6 +221,7 @@ def test_derivatives_of_the_flow_hold_neurons_that_rest(population, precondition
     assert ours.fastest_rate(x) == pytest.approx(np.linalg.norm(v), rel=1e-9)
 
 
+@pytest.mark.sampled(2)
 @every_coupled
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
@@ -238,7 +241,7 @@ def test_moves_at_rails_of_random_networks_are_those_of_numpy(preconditioner, se
 # ---- runs ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", EVALUATORS[1:], ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("preconditioner", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(preconditioner, kind):

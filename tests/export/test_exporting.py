@@ -182,6 +182,7 @@ def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tm
     assert done[1].files
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("failure", "reported"),
     [

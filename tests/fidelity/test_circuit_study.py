@@ -64,6 +64,7 @@ def counted(monkeypatch):
     return counts
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("simulated", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("given", "more"),

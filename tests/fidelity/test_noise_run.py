@@ -241,6 +241,7 @@ def density(text: str, folder: Path) -> Raw:
     return read_raw(folder / "noise.raw")[0]
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize("name", ["double_integrator", "car"])
 def test_the_sources_are_those_that_ngspice_finds(name, tmp_path):

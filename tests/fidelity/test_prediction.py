@@ -392,6 +392,7 @@ def hand_wired(names: tuple[str, ...], wires: list[tuple[str, str, float]]) -> N
     return Network(cell=cell, stages=1)
 
 
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize(
     "network", [saddle_flow(), spring(4.0), spring(100.0)], ids=["saddle", "spring", "stiff"]

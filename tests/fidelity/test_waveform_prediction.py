@@ -55,6 +55,7 @@ def test_emulation_with_fast_parts_follows_the_oscillator():
     assert found.follows_until == math.inf
 
 
+@pytest.mark.slow
 def test_finite_gain_damps_the_oscillator():
     """An integrator of gain a0 leaks at a rate proportional to 1 / a0."""
     ends = {}

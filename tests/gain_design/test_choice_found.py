@@ -37,7 +37,7 @@ def catalysts():
     )  # fmt: skip
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "objective"),
     [(thrifty, 10.173420), (boat, 5.4515622), (catalysts, -0.035970892)],
@@ -54,11 +54,13 @@ def test_network_of_a_found_optimum_settles_from_the_start_or_a_coarse_preset(pr
     assert np.isfinite(solution.design.best.ratio)
 
 
+@pytest.mark.slow
 def test_penalty_is_raised_where_the_grid_of_the_closed_form_does_not_settle():
     solution = ann_dc.solve(thrifty(), preconditioner=PreconditionerKind.RESISTIVE_GRID)
     assert solution.design.best.gain_rule.penalty > MULTILEVEL_RULE.penalty
 
 
+@pytest.mark.slow
 def test_multipliers_of_dependent_rows_do_not_make_a_network_slow():
     """Every control is at a limit, so that two ends have one free variable, the step length."""
     problem = ann_dc.OptimalControlProblem(

@@ -23,6 +23,7 @@ def settled(request):
     )
 
 
+@pytest.mark.sampled(2)
 def test_a_row_that_presses_alone_has_the_mode_of_an_equality(settled):
     """w sum_j G_ij^2 T_j is one at the stiffest stage that presses, and no more at any other."""
     network = settled.network

@@ -37,6 +37,7 @@ WITHOUT_GRID = (
 )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in MEASURED],
@@ -49,6 +50,7 @@ def test_settling_is_predicted(name):
     np.testing.assert_allclose(run.settling_time, found.predicted_settling(), rtol=0.25)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MEASURED)
 def test_settling_on_a_grid_is_predicted(name):
     """Near the limit the modes are alike, so that the slowest one need not lead."""
@@ -75,6 +77,7 @@ def test_near_the_limit_nothing_slower_is_compared():
     assert designed("car").reason.startswith("resistive grid settles in")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", PreconditionerKind)
 def test_only_what_is_allowed_is_chosen(kind):
     network = synthesize(plants.unicycle(N=8))

@@ -43,6 +43,7 @@ def better(found, *, seconds=SHORT, progress=silent, **options):
     return refined(settled, found.best, progress, seconds=seconds, **options)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("freedom", Freedom)
 @pytest.mark.parametrize(
     "kind",

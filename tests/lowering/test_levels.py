@@ -64,7 +64,7 @@ def error_of_step(
     return float(np.abs(found - expected).max(initial=0.0) / largest)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_levels_of_a_design_take_the_reference_step(name, kind):
     network = ann_dc.design(PROBLEMS[name], preconditioner=kind).network

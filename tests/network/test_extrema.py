@@ -74,6 +74,7 @@ def network_of(name: str, rests: np.ndarray = RESTS) -> Network:
     )
 
 
+@pytest.mark.sampled(12)
 @every_evaluator
 @every_block
 @settings(max_examples=15, deadline=None)

@@ -119,6 +119,7 @@ def answer(name: str, function, *arguments):
         return None
 
 
+@pytest.mark.sampled(44)
 @every_block
 @pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("stages", [1, 2, 7])
@@ -152,6 +153,7 @@ def test_a_circuit_without_a_cell_is_refused_by_name(name):
     assert answer(name, SpiceBackend().run, network_of(name)) is None
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("form", FORMATS)
 def test_exports_pass_their_own_check_or_refuse_by_name(form):
     network = network_of("softplus")

@@ -27,6 +27,7 @@ def test_a_cost_without_a_minimum(name):
     assert found.largest in found.message
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["car", "pendulum_state_cost", "cstr", "lq_stable", "van_der_pol"])
 def test_a_cost_with_a_minimum(name):
     assert descended(SUITE[name].problem) is None

@@ -94,6 +94,7 @@ def test_random_hessians_of_any_sign(way):
     assert seen[Minimum.NOT_A_MINIMUM] > 300
 
 
+@pytest.mark.sampled(1)
 @both_ways
 def test_semidefinite_hessians_and_constraints_that_repeat(way):
     """Small whole numbers, of low rank: flat directions, controls that do the same, or nothing."""
@@ -133,6 +134,7 @@ def test_random_points_of_plants(name):
     assert seen.total() > 15
 
 
+@pytest.mark.sampled(5)
 @seeds(3)
 @pytest.mark.parametrize("name", ["car", "cart_pole", "pendulum"])
 def test_units_do_not_matter(seed, name):

@@ -139,6 +139,7 @@ def test_no_freedom_is_a_minimum():
     assert given.rollout_error == 0.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("N", [10, 1000, 3000])
 def test_least_effort_over_any_horizon(N):
     """The double integrator's optimum is a straight line in time, whatever N is."""

@@ -16,6 +16,7 @@ def searched(problem):
     return feasible_path(problem, line.q, line.u)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", INFEASIBLE)
 def test_what_is_out_of_reach_and_what_is_nearest(name):
     problem, nearest = INFEASIBLE[name]
@@ -36,6 +37,7 @@ def test_ipopt_finds_no_path_either(name):
     assert not ipopt(INFEASIBLE[name][0]).success
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", SUITE)
 def test_every_problem_of_the_suite_has_a_path_that_meets_it(name):
     problem = SUITE[name].problem

@@ -112,6 +112,7 @@ def random_expansion(rng) -> tuple[Expansion, np.ndarray]:
     return plain, random_rows(rng, (N + 1, R, n + m), n)
 
 
+@pytest.mark.sampled(1)
 @both_ways
 def test_strongly_active_rows_hold_as_equations(way):
     rng, seen = np.random.default_rng(0), Counter()
@@ -128,6 +129,7 @@ def test_strongly_active_rows_hold_as_equations(way):
     assert min(seen[STRICT], seen[FALLING]) > 200
 
 
+@pytest.mark.sampled(1)
 @both_ways
 def test_whole_numbers_and_rows_that_follow_from_others(way):
     """Of low rank, flat, and full of rows that the ends and the map already say."""

@@ -55,6 +55,7 @@ def test_a_plan_that_meets_no_new_obstacle_is_driven_to_its_end():
     np.testing.assert_allclose(pieces[-1].q[:, -1], CAR.q_d, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "number", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in range(len(CASES) - 1))]
 )

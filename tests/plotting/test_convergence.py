@@ -146,6 +146,7 @@ def test_errors_from_an_optimum_that_moves_are_refused():
         plotting.convergence([run], error="controls")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_files_are_of_the_suffix_and_equal_for_equal_figures(suffix, tmp_path):
     heads = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}

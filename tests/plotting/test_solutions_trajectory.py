@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 import sympy as sp
 
 import ann_dc
@@ -41,6 +42,7 @@ def test_plane_needs_two_states():
     assert len(plotting.controls(solution).axes) == 1
 
 
+@pytest.mark.slow
 def test_what_inequalities_of_the_plane_forbid_is_grey(held):
     """v <= 2 x + 0.4 and the bounds of v are; x <= w, of an input, is not."""
     figure = plotting.trajectory(held)

@@ -67,6 +67,7 @@ def test_a_unit_is_set_as_it_is_written(unit, label, tmp_path):
     assert plotting.save(figure, tmp_path / "label.png").exists()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("picture", PICTURES)
 def test_a_diverged_run_is_drawn(diverged, picture, tmp_path):
     assert not diverged.status.settled

@@ -49,7 +49,7 @@ def plain():
     return ann_dc.solve(named(), preconditioner=KINDS)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("names", NAMES, ids=" ".join)
 def test_a_name_that_can_be_told_apart_goes_all_the_way(names, plain, tmp_path):
     state, control, given = names

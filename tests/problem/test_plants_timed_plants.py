@@ -106,6 +106,7 @@ def solved(name: str) -> ann_dc.Solution:
     return ann_dc.solve(CASES[name][0]())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow) if n.startswith("mass ") else n for n in CASES],

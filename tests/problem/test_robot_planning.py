@@ -31,6 +31,7 @@ def with_inputs(found, values):
     return found.problem.functions.with_inputs(given)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("robot", [car_robot(), unicycle_robot()], ids=["car", "unicycle"])
 def test_about_its_path_the_map_is_the_robots(robot):
     found = planning(robot)

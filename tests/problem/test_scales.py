@@ -63,6 +63,7 @@ def assert_defined(problem: OptimalControlProblem) -> Scales:
     return scales
 
 
+@pytest.mark.sampled(7)
 @seeds(2)
 @pytest.mark.parametrize("name", SMALL)
 def test_they_do_not_depend_on_the_units(name, seed):

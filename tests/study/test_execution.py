@@ -68,6 +68,7 @@ MAKERS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MAKERS)
 @pytest.mark.parametrize("limit", [None, 60.0])
 def test_rows_are_the_same_whoever_does_them(store, tmp_path, name, limit):
@@ -208,6 +209,7 @@ def test_ctrl_c_keeps_what_is_finished(store):
     assert len(store) == tally.outcomes["settled"] > 0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("moment", [0.05, 0.3])
 def test_ctrl_c_reaches_the_workers_too_and_they_say_nothing(tmp_path, moment):
@@ -385,6 +387,7 @@ def check_killed_often(tmp_path, kills, each, seed):
         assert table(store) == undisturbed(tmp_path, points(*doings))
 
 
+@pytest.mark.slow
 def test_a_driver_that_is_killed_at_random_moments(tmp_path):
     check_killed_often(tmp_path, 1, each=5, seed=1)
 

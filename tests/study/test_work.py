@@ -120,6 +120,7 @@ def test_defects_that_add_neurons_run_one_by_one():
     assert "add neurons" in row["message"]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("form", ["S7", "S16"])
 def test_printed_forms_run_as_solve_runs_them(form):
     study = Study(

@@ -158,6 +158,7 @@ def test_the_users_own_units():
     assert_by_the_book(problem, scales=Scales.none(problem))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("switched", ["S3", "S5", "S7", "S8", "S9", "S14", "S15"])
 def test_scales_by_hand(switched):
     problem = plants.car(N=4, D=0.7)

@@ -63,6 +63,7 @@ def test_a_sine_of_a_thousand_samples_is_followed():
         np.testing.assert_allclose(curve.at(t)[:, 0], wanted, atol=w * w * 2e-5)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shape", ["()", "(B,)", "(B, N)"])
 def test_values_have_the_axes_of_constant_inputs(shape):
     network = designed("car").network
@@ -89,6 +90,7 @@ def alone(backend, network, inputs, rtol=1e-5, **settings) -> BatchRun:
     return batch
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["car", "unicycle", "double_integrator"])
 def test_samples_are_their_networks_alone(name):
     network = designed(name).network

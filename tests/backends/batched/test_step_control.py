@@ -123,6 +123,7 @@ def test_stability_limit_of_an_oscillator(a, b):
     np.testing.assert_allclose(stability_limit(network, np.zeros(2)), 2 * a / (a**2 + b**2))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("share", "code"), [(0.8, SETTLED), (1.25, DIVERGED)])
 def test_the_limit_is_the_border(share, code):
     network = oscillator(0.5, 2.0)

@@ -120,7 +120,7 @@ def reference_of(name: str):
     ).sol  # fmt: skip
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "kind"), [*cases()])
 def test_states_at_random_times_are_within_100_rtol_of_a_reference(name, kind):
     trajectory, rtol = run_of(name, kind)
@@ -152,7 +152,7 @@ def test_states_between_steps_stay_within_the_rails(kind):
     assert x.min() >= -0.3
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "most"),
     [("oscillator", "generated", 100), ("railed", "RK45", 10), ("railed", "DOP853", 10)],
@@ -251,7 +251,7 @@ def last_above(name: str, deviation: Callable[[np.ndarray], np.ndarray], found: 
     return grid[np.flatnonzero(deviation(reference(grid).T))[-1]]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "kind"), [*SINGLE, *LANES])
 @pytest.mark.parametrize("share", [1e-2, 1e-3])
 def test_band_of_controls_is_located_inside_its_step(name, kind, share):
@@ -267,7 +267,7 @@ def test_band_of_controls_is_located_inside_its_step(name, kind, share):
     assert found == pytest.approx(last_above(name, beyond, found), rel=rel)
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "kind"), [*SINGLE, *LANES])
 def test_exit_of_the_residual_is_located_inside_its_step(name, kind):
     backend, network = replace(KINDS[kind], settling=Settling(tolerance=1e-3)), network_of(name)

@@ -154,7 +154,7 @@ def test_coordinators_stop_at_the_rails():
     assert_is_the_reference(network, between_rails(network, 0.5))
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @every_coupled
 def test_samples_at_rails_have_the_same_bits_alone_and_in_a_batch(kind):
     network, states, _ = run_with_changes(kind)
@@ -167,6 +167,7 @@ def test_samples_at_rails_have_the_same_bits_alone_and_in_a_batch(kind):
         assert torch.equal(layer(x[sample], step=0.1)[0], batch[sample])
 
 
+@pytest.mark.sampled(2)
 @every_coupled
 def test_samples_at_rails_in_single_precision_move_as_in_double(kind):
     network, states, _ = run_with_changes(kind)
@@ -244,6 +245,7 @@ def unrolled(layer: CellLayer, x, q_0, q_d, steps: int = 3) -> torch.Tensor:
     return x
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("wired", [small, coordinated])
 def test_gradients_in_states_and_inputs(wired):
     network = wired("unicycle")

@@ -85,6 +85,7 @@ class Waits(TorchDispatchMode):
         return operation(*args, **(kwargs or {}))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "order", [SIMULTANEOUS, TWO_PHASE, pytest.param(STAGE_BY_STAGE, marks=pytest.mark.slow)]
 )

@@ -22,6 +22,7 @@ from ann_dc.network.network import Network
 from ann_dc.solution.solution import certificate_of
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE], ids=repr)
 @pytest.mark.parametrize(
     "name",
@@ -49,6 +50,7 @@ def double_well(start: float) -> Network:
     return Network(cell=cell, stages=1, start={"x": start})
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("start", [-0.2, 0.01, 0.3])
 def test_acceleration_does_not_rest_on_a_hill(start):
     run = RecurrentBackend(acceleration=Anderson()).run(double_well(start))
@@ -56,6 +58,7 @@ def test_acceleration_does_not_rest_on_a_hill(start):
     assert run.trajectory.final == pytest.approx(np.sign(start))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["pendulum", "pendulum_state_cost"])
 def test_acceleration_does_not_settle_at_a_saddle_of_the_kkt_conditions(name):
     """Alone it would: Anderson finds any root of the drives."""

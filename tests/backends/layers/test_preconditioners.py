@@ -109,6 +109,7 @@ def test_a_trained_network_has_the_preconditioner_of_the_layer(kind):
     assert_close(moves_of(again, drives), moves_of(cell, drives), 1e-11)
 
 
+@pytest.mark.sampled(2)
 @every_kind
 def test_gradients_in_the_gains(kind):
     network = wired_with("unicycle", kind)
@@ -121,6 +122,7 @@ def test_gradients_in_the_gains(kind):
     assert torch.autograd.gradcheck(after, cell.log_gain.rows.detach().requires_grad_())
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "kind",
     [
@@ -143,6 +145,7 @@ def test_gradients_through_unrolled_steps(kind):
     assert torch.autograd.gradcheck(lambda x, q_d: layer(x, {"q_d.x": q_d}, steps=3), (x, q_d))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "kind",
     [

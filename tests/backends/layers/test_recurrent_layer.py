@@ -35,6 +35,7 @@ def test_in_single_precision():
     np.testing.assert_allclose(end.states[0], expected, atol=3e-3 * np.abs(expected).max())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE], ids=repr)
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 def test_half_the_step_half_the_error(name, order):
@@ -114,6 +115,7 @@ COMPANY = list(
 """
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "kind", "order", "acceleration"),
     [pytest.param(*made, marks=[pytest.mark.slow] * (i % 7 > 0)) for i, made in enumerate(COMPANY)],

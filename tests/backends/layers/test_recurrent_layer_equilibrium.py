@@ -39,6 +39,7 @@ def test_the_derivative_of_the_settled_point(name, which):
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("which", ["q_d", "q_0"])
 def test_the_derivative_of_the_optimal_controls(name, which):
@@ -91,6 +92,7 @@ def test_unrolled_long_enough_the_derivative_is_the_same(name):
     np.testing.assert_allclose(slopes[1], slopes[0], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_samples_that_did_not_settle_are_no_numbers():
     layer, goals = RecurrentLayer(short("car")), torch.tensor([5.0, float("nan"), 4.5])
     settled = layer.equilibrium({"q_d.x": goals}, limit=2000)

@@ -69,6 +69,7 @@ def test_stage_by_stage(name):
     assert_same_end(replace(RECURRENT, order=STAGE_BY_STAGE).run(network), expected)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["double_integrator", "car"])
 def test_a_solution_is_certified(name):
     solution = solve(SUITE[name].problem, backend=RecurrentBackend())
@@ -151,7 +152,7 @@ BACKENDS = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS)
 @pytest.mark.parametrize("name", ["double_integrator", "car"])
 def test_a_batch_is_its_samples(name, backend):

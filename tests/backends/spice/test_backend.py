@@ -54,6 +54,7 @@ def run_of(name: str, level=BEHAVIOURAL, coordinated: bool = False):
 # ---- the ladder against the ODE ------------------------------------------------------------------
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize("coordinated", [False, True])
 def test_the_papers_car_on_ideal_parts_is_the_ode(coordinated):

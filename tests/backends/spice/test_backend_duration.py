@@ -13,6 +13,7 @@ MACRO = ann_dc.levels.macro()
 LEVELS = pytest.mark.parametrize("level", [ann_dc.levels.BEHAVIOURAL, MACRO], ids=lambda v: v.name)
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @LEVELS
 def test_the_limit_cycle_has_its_period_and_amplitude(level):

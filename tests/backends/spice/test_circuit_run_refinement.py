@@ -82,6 +82,7 @@ def fine(name: str):
     return coarse, refined(coarse, BACKEND.simulator, BACKEND.level.datasheet)
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize("name", CASES)
 def test_the_emulator_agrees_with_what_finer_steps_find(name):

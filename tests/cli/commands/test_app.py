@@ -30,6 +30,7 @@ def test_help_of_a_command_has_an_example_and_units(command):
     assert any(unit in text for unit in ("seconds", "units", "time constants"))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("words", "completed"),
     [
@@ -64,6 +65,7 @@ NO_DETECTION = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
 """Environment in which typer takes the shell's name instead of looking at the parent process."""
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("shell", SCRIPTS)
 def test_completion_is_installed_and_shown_for_each_shell(shell, tmp_path):
     name, part = SCRIPTS[shell]

@@ -63,7 +63,7 @@ def test_circuit_without_ngspice_says_what_to_do(monkeypatch):
 LEVELS = ["behavioural", "ota-c", "macro", "differential", "transistor", "tl072_ad633"]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize("level", LEVELS)
 def test_every_level_has_a_word(tmp_path, level):
@@ -271,6 +271,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.sampled(3)
 @needs_ngspice
 @pytest.mark.parametrize(("words", "script"), FAILURES.values(), ids=FAILURES)
 def test_a_circuit_that_fails_costs_no_earlier_result(tmp_path, monkeypatch, words, script):

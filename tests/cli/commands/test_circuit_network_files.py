@@ -87,6 +87,7 @@ def test_oscillator_runs_for_its_duration_beside_its_emulation(tmp_path, oscilla
     assert largest * 0.99 < found["volt"]["y"]["factor"]  # nothing exceeds 1 V
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_chaos_leaves_the_ode_at_a_reported_time(tmp_path):
     ann_dc.save(lorenz(), tmp_path / "lorenz.npz")

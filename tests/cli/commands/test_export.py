@@ -29,6 +29,7 @@ def test_formats_may_be_given_one_by_one(tmp_path):
     assert {folder.name for folder in tmp_path.iterdir()} == {"conductances", "diagram", "csv"}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("ending", ["npz", "safetensors"])
 def test_a_weight_file_is_a_problem_too(tmp_path, ending):
     file = tmp_path / f"network.{ending}"

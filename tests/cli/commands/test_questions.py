@@ -33,7 +33,7 @@ def test_a_yield_may_be_of_resistors_that_exist(tmp_path):
     assert medians[1] == pytest.approx(medians[0], rel=0.2)
 
 
-@pytest.mark.sampled(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("question", "figure"),
     [

@@ -91,6 +91,7 @@ def test_an_end_that_misses_the_target_is_not_certified(tmp_path):
     assert data["rollout_error"] > 0.9  # of the scale of y, which is its whole way
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("options", "how"),
     [

@@ -120,6 +120,7 @@ def test_the_code_depends_on_who_is_tied_alone(axis):
     assert Lanes(evaluator(ties_less).tape, axis).plan.key not in keys
 
 
+@pytest.mark.sampled(2)
 @every_axis
 def test_a_number_is_stored_once(axis):
     """The tables of a long row come from afar: of the two triangles of M^{-1} they have one."""

@@ -124,6 +124,7 @@ def test_very_long_names_are_cut_at_once():
     assert sum(text.endswith("…") and text.startswith("xxxx") for text in texts) == 2
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("of", ["cell", "chain"])
 def test_files_are_the_same_bytes_and_name_their_network(network, vector, of):
     files = diagram_files(network, vector, of=of)

@@ -52,6 +52,7 @@ PROBLEMS = {
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("rows", "tree")]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["car", "pyramid", *SLOW])
 def test_sheets_can_be_read(name):
     for picture in pictures(PROBLEMS[name]()):

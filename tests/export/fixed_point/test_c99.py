@@ -63,6 +63,7 @@ def compiled(folder: Path, compiler: str, source: str) -> Path:
     return program
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("compiler", COMPILERS)
 @pytest.mark.parametrize("name", ["car", "objectives"])
 def test_it_compiles_without_a_warning_and_tests_itself(compiler, name, tmp_path):

@@ -33,6 +33,7 @@ def measured(files, mode, folder):
     return np.array([float(found[n]) for n in expected]), np.array([*expected.values()])
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize("level", ["behavioural", "macro"])
 def test_the_ltspice_deck_runs_in_ngspices_ltspice_mode(level, car, tmp_path):
@@ -63,6 +64,7 @@ def cards(files):
     return [line for line in text.splitlines() if line and not line.startswith("*")]
 
 
+@pytest.mark.sampled(1)
 @BOTH
 def test_decks_of_coarse_neurons(files_of):
     """Their comments are long, and stay in one line: what continues a comment were a card's."""

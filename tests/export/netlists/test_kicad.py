@@ -89,6 +89,7 @@ def test_connectivity_is_that_of_the_deck(level, series, car, tmp_path):
     assert seen == len(wanted) == 1375 - 9  # all but the sources of constants and of the reset
 
 
+@pytest.mark.slow
 def test_op_amps_share_packages_and_idle_ones_follow_ground(car):
     tree = read(kicad_files(*car, level="tl072_ad633")["circuit.net"].decode())
     wired = wiring_of(tree)

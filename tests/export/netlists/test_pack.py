@@ -51,6 +51,7 @@ def off(files: dict[str, bytes], folder: Path) -> float:
     return float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize(
     ("level", "most"),
@@ -69,6 +70,7 @@ def test_the_car_settles_in_an_empty_folder(level, most, car, tmp_path):
     assert off(pack_files(*car, level=level, zipped=True), tmp_path) < most
 
 
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize("name", CASES)
 def test_several_plants_settle(name, tmp_path):

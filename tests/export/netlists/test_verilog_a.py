@@ -122,6 +122,7 @@ def _conditional(text: str) -> str:
     return f"(({found[2]}) if ({found[1]}) else ({found[3]}))" if found else text
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [*CASES, pytest.param("car", marks=pytest.mark.slow)])
 def test_the_equations_settle_to_the_optimum(name):
     problem = ann_dc.plants.car() if name == "car" else PROBLEMS[name]()

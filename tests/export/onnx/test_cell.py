@@ -52,6 +52,7 @@ def test_a_step_is_the_networks(seed, kind):
             np.testing.assert_allclose(following[..., sample], walk.states, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_steps_follow_the_rule_of_rails_where_the_held_set_changes_a_hundred_times(kind):
     """All states of a run at once, each with neurons of its own that are held."""
@@ -68,6 +69,7 @@ def test_steps_follow_the_rule_of_rails_where_the_held_set_changes_a_hundred_tim
     assert (off <= 1e-12 * np.abs(expected).max(axis=1) + rounding).all()
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("kind", "population"),
     [(PreconditionerKind.MULTILEVEL, "q"), (PreconditionerKind.RESISTIVE_GRID, "u")],

@@ -38,6 +38,7 @@ def cars(network: Network, count: int):
     return inputs, x, np.moveaxis(network.unpack(x), 0, -1), np.stack(rows)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "kind",
     [
@@ -122,6 +123,7 @@ SPECIAL = {
 """Shared neurons, diodes, rails."""
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "name",
     [

@@ -85,6 +85,7 @@ def test_a_walk_that_starts_where_the_flow_repels_finds_its_step():
     assert vector.residual < vector.tolerance
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("high", [np.inf, 1.0])
 def test_a_start_where_nothing_moves_has_a_vector_too(high):
     """One neuron with a constant drive: alone, and at its rail."""

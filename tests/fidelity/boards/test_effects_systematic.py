@@ -43,6 +43,7 @@ def test_no_circuit_is_further_off_than_its_moves_together():
     assert found.control_error < 1.02 * sum_of_all
 
 
+@pytest.mark.slow
 def test_capacitances_move_no_settled_point():
     moves = systematic(instance(switch_capacitance=5e-12, switch_charge=1e-12))
     assert max(moves.values()) < 1e-9

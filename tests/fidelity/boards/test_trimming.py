@@ -72,6 +72,7 @@ def test_steps_stop_as_soon_as_enough_is_reached():
     assert len(found.steps) < len(procedure(1e-3).steps)
 
 
+@pytest.mark.slow
 def test_trimmed_circuits_are_as_right_as_predicted():
     found = procedure(4e-3)
     backend, circuit, probe = built("double_integrator", GOOD)

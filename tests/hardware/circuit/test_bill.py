@@ -71,6 +71,7 @@ def test_a_bill_is_csv_with_a_line_a_component():
     assert all(row["what"] for row in rows)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("plant", ["double_integrator", "car", "cstr"])
 def test_values_are_those_of_the_netlist(plant):
     circuit, _ = prepared(plant)

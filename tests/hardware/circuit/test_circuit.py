@@ -48,6 +48,7 @@ def current_into(circuit, name: str, values: np.ndarray, wires) -> np.ndarray:
     return total
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("coordinated", [False, True])
 def test_currents_of_integrators_are_the_flow(coordinated):
     circuit = built(coordinated)

@@ -29,6 +29,7 @@ def known(name: str):
     return prepared(name)[0].parameters
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PLANTS)
 def test_names_are_unique_and_belong_to_parts(name):
     names = [p.name for p in known(name)]

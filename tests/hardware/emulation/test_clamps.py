@@ -63,6 +63,7 @@ def growth(backend: SpiceBackend, network: Network) -> float:
     return CircuitInstance(circuit=circuit, level=backend.level, probe=probe).modes.abscissa
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("preset", ["opa828_ad734", "ad8065_ad835", "tl072_ad633"])
 def test_clamps_that_are_off_damp_what_turns_by_what_they_lag(preset):
     """h = x - n s tau x' makes lambda = i - n s tau of lambda = i, to first order."""
@@ -86,6 +87,7 @@ def collecting(rail: float) -> Network:
     return Network(stages=3, cell=cell, inputs={"given": [0.1, 0.2, 0.3]})
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rout", [0.0, 50.0])
 @pytest.mark.parametrize("rail", [0.5, 0.7, np.inf])
 def test_emulated_shared_neuron_settles_as_all_cells_send(rail, rout):
@@ -102,6 +104,7 @@ def test_emulated_shared_neuron_settles_as_all_cells_send(rail, rout):
         assert emulation.network.unpack(x)[row, -1] == pytest.approx(min(rail, 0.6), rel=1e-4)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_a_board_that_swings_comes_to_rest_with_clamps():
     """Both as emulated: the same network without rails grows in ngspice, too."""
@@ -130,6 +133,7 @@ def pressed(push: float) -> Network:
     return Network(stages=1, cell=cell)
 
 
+@pytest.mark.sampled(4)
 @needs_ngspice
 @pytest.mark.parametrize("farads", [0.0, 20e-12])
 @pytest.mark.parametrize("push", [0.8, 1.4, -1.4])
@@ -158,6 +162,7 @@ def driven(
     return Network(stages=1, cell=cell).with_start(np.array([0.0, start]))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("apart", [0.05, 6e-3, 1.5e-3])
 def test_what_rests_beside_a_rail_is_slower_by_the_diode_of_the_idle_clamp(apart, side):
@@ -189,6 +194,7 @@ WAYS = {
 }
 
 
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize(
     "parts", [macro(), macro(gbw=3e6, rout=50.0, output_swing=4.0)], ids=["", "slow"]
@@ -212,6 +218,7 @@ def way_of(emulation: Emulation, run: CircuitRun) -> np.ndarray:
     return found - run.trajectory.states[:, 0]
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("name", WAYS)
 @pytest.mark.parametrize("cold", [False, True])
 def test_clamps_that_move_come_to_rest_where_walls_hold(name, cold):
@@ -236,6 +243,7 @@ def test_without_rails_nothing_moves():
     assert found.moving is found.emulation
 
 
+@pytest.mark.sampled(5)
 @needs_ngspice
 @pytest.mark.parametrize("gbw", [1e5, 1e7])
 @pytest.mark.parametrize("below", [5e-4, 1e-2])

@@ -92,6 +92,7 @@ def relative(error: np.ndarray, to: np.ndarray) -> float:
 # ---- limits --------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "name",
     [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in (*PLANTS, "cstr")],
@@ -122,6 +123,7 @@ def test_slow_eigenvalues_approach_the_networks_as_the_op_amps_get_faster(name):
     assert shift[1e11] / shift[1e12] == pytest.approx(10, rel=0.2)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PLANTS)
 def test_the_error_of_finite_gain_falls_as_one_over_the_gain(name):
     best = optimum(name)[prepared(name)[0].schematic.network.of_population("u")]
@@ -257,6 +259,7 @@ def threshold(name: str, differential: bool = False) -> float:
     return high
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["car", "double_integrator"])
 def test_a_differential_circuit_has_no_inverters_and_is_stable_with_slower_op_amps(name):
     circuit, _ = prepared(name)
@@ -358,6 +361,7 @@ def of_the_preconditioner(part: Part) -> bool:
     return isinstance(part, (Adder, GridNode)) and part.present is not None
 
 
+@pytest.mark.sampled(2)
 @every_kind
 def test_with_fast_op_amps_a_preconditioner_is_the_network(kind):
     """The slowest modes are those of the network, and its settled point is one of the circuit."""
@@ -370,6 +374,7 @@ def test_with_fast_op_amps_a_preconditioner_is_the_network(kind):
     np.testing.assert_allclose(emulation.controls(x), expected, atol=1e-5 * np.abs(expected).max())
 
 
+@pytest.mark.sampled(2)
 @every_kind
 def test_errors_of_a_preconditioner_move_no_equilibrium(kind):
     """Resistors between its nodes 1 % off: the controls stay, where those of the cells move."""

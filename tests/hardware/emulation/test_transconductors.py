@@ -69,6 +69,7 @@ def test_equal_and_opposite_weights_share_one_pair():
 # ---- the circuit ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_transconductors_without_curvature_or_leak_settle_at_the_optimum():
     assert error("car", 1e5) < 1e-7  # where the probe run ended
 
@@ -79,6 +80,7 @@ def test_curvature_costs_the_square_and_leak_the_first_power():
     assert error("car", 1e5, 1e5) / error("car", 1e5, 1e6) == pytest.approx(10, rel=0.02)
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize(
     "name", ["car", "double_integrator", pytest.param("van_der_pol", marks=pytest.mark.slow)]

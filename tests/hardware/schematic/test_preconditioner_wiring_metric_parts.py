@@ -28,6 +28,7 @@ def reached(network, wiring) -> np.ndarray:
     return np.array([network.state_index[network.neuron_index[name], k] for name, k in nodes])
 
 
+@pytest.mark.sampled(3)
 @every_kind
 @pytest.mark.parametrize("name", PLANTS)
 def test_the_wires_are_the_preconditioner(name, kind):
@@ -107,6 +108,7 @@ def test_integrators_of_a_grid_hold_the_start():
     assert np.abs(held["own.q.x"]).max() > 0.1
 
 
+@pytest.mark.sampled(2)
 @every_kind
 def test_own_integrals_are_what_moves_the_neurons(kind):
     """D' = d and z' = M d: the integrals, put through the preconditioner, are z again."""

@@ -66,6 +66,7 @@ def prepared(drive, level=LEVEL):
 DRIVES = st.lists(st.floats(0.2, 2.0), min_size=1, max_size=30)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(drive=DRIVES)
 def test_a_row_of_op_amps_settles_where_its_network_does(drive):

@@ -58,6 +58,7 @@ def test_gates_of_the_smallest_transistors_leave_sizes_as_they_are():
     assert (circuit.inverter, circuit.scaling.bandwidth_margin) == (100e3, MARGIN)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PLANTS)
 @pytest.mark.parametrize("farads", [20e-12, 47e-12, 470e-12])
 def test_capacitors_are_as_large_as_asked_for_and_no_larger_than_need_be(name, farads):
@@ -83,6 +84,7 @@ def test_a_known_output_current_counts_instead_of_the_usual_one():
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PLANTS)
 @pytest.mark.parametrize("farads", [8e-12, 20e-12])
 def test_a_capacitance_at_grounds_gets_resistors_with_which_nothing_rings(name, farads):
@@ -194,6 +196,7 @@ def test_presets_keep_strays_small_on_boards():
     assert TRANSISTOR.smallest_capacitor == SKY130.smallest_capacitor == 0.5e-12
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PLANTS)
 @pytest.mark.parametrize("farads", [20e-12, 40e-12])
 def test_chosen_margin_is_first_one_of_two_digits_with_a_stable_circuit_at_two_thirds(name, farads):
@@ -206,6 +209,7 @@ def test_chosen_margin_is_first_one_of_two_digits_with_a_stable_circuit_at_two_t
         assert is_stable(spared, wanted, probe.final) == stable
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", PLANTS)
 def test_run_with_margin_search_emulates_few_circuits_and_run_without_search_one(name, monkeypatch):
     emulated = []

@@ -57,6 +57,7 @@ def test_a_margin_that_is_too_small_is_refused_with_one_that_is_not():
     assert circuit.scaling.bandwidth_margin == enough
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("last", [0.0, 8.0])
 def test_clamps_hold_at_every_moment_of_a_run(last):
     """The input presses the limit as two(8) does, in the middle of the run or up to its end."""

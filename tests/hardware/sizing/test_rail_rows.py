@@ -160,6 +160,7 @@ def test_a_chosen_margin_is_that_of_long_waves_and_a_given_one_is_obeyed():
     assert given.scaling.bandwidth_margin == 10
 
 
+@pytest.mark.slow
 def test_a_margin_with_which_long_waves_grow_is_refused_with_one_that_is_enough():
     """At 10 the circuit of the lander grows in ngspice, and its pole model is stable."""
     network = design(lander(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network

@@ -198,6 +198,7 @@ def settled(network: Network) -> np.ndarray:
     return run.trajectory.final
 
 
+@pytest.mark.sampled(2)
 @every_kind
 @pytest.mark.parametrize(
     "name",
@@ -216,6 +217,7 @@ def test_the_equilibrium_never_depends_on_the_preconditioner(name, kind):
         np.testing.assert_allclose(settled(wired), plain, atol=1e-6 * scale)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     "kind",
     [

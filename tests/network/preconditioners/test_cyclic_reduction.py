@@ -85,6 +85,7 @@ def test_hats_are_harmonic(stages, seed):
                 np.arange(stages) == k, 0.0, whole[k]), atol=1e-12)  # fmt: skip
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("name", SUITE)
 def test_wires_of_every_plant(name):
     network = wired_with(name, PreconditionerKind.CYCLIC_REDUCTION)

@@ -35,6 +35,7 @@ def test_a_board_that_repels_is_infinitely_slow_and_no_good():
     assert (slow.yield_of().passed, fast.yield_of().passed) == (0, 2)
 
 
+@pytest.mark.slow
 def test_the_slowest_mode_is_that_of_the_emulated_board():
     fixed = {"circuit.bandwidth_margin": (10.0,)}
     exact = {name: 0.0 for name in BOARD if name.startswith("tolerance.")}

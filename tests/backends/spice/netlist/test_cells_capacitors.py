@@ -106,6 +106,7 @@ def charge_error(**given) -> float:
     return float(np.abs(got - wanted).max())
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_charge_injection_grows_with_the_overlap_and_shrinks_with_the_capacitors():
     """What is left of the charge c_ov V of the clock edges, over the capacitors of the branches."""
@@ -116,6 +117,7 @@ def test_charge_injection_grows_with_the_overlap_and_shrinks_with_the_capacitors
     assert charge_error(overlap=1e-15, unit_capacitor=4e-12) < 0.25 * small
 
 
+@pytest.mark.sampled(1)
 @needs_ngspice
 @pytest.mark.parametrize(
     ("resistor", "connection"), [("r_u_a_0", "u.a<-u.a"), ("r_m_v_2", "c.v<-u.a")]

@@ -148,7 +148,7 @@ def swept(built: Subcircuit, level: str, ends, given: str = "") -> tuple[np.ndar
 @pytest.mark.parametrize("kind", [Polynomial, Breakpoints])
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("name", ["sin", "cos", "tan", "exp", "sqrt"])
-@pytest.mark.sampled
+@pytest.mark.sampled(2)
 def test_a_generator_computes_its_function(kind, level, name):
     generated = generator(kind, name)
     sx, sy = scales(name)
