@@ -43,7 +43,7 @@ class Deadline:
 
     def __init__(self, progress: Progress, seconds: float = float("inf")) -> None:
         self.progress, self.seconds = progress, seconds
-        self.end, self.allowed = clock.monotonic() + seconds, f"{seconds:g}"
+        self.end, self.allowed = clock.monotonic() + seconds, f"{seconds:g} s"
         self.interrupted = False
         self._before: Any = None
 
@@ -51,7 +51,8 @@ class Deadline:
         """Return a deadline at a fraction of the time, to leave time for a later part."""
         left = (1 - share) * self.seconds if self.seconds < float("inf") else 0.0
         sooner = Deadline(self, self.seconds - left)
-        sooner.end, sooner.allowed = self.end - left, f"{sooner.seconds:g} of {self.allowed}"
+        sooner.end = self.end - left
+        sooner.allowed = f"{sooner.seconds:g} s (part of {self.allowed})"
         return sooner
 
     def __call__(self, line: str) -> None:
@@ -64,7 +65,7 @@ class Deadline:
         if self.interrupted:
             raise Stopped("interrupted")
         if clock.monotonic() >= self.end:
-            raise Stopped(f"the time limit of {self.allowed} s expired")
+            raise Stopped(f"the time limit of {self.allowed} expired")
 
     def __enter__(self) -> Deadline:
         before = signal.getsignal(signal.SIGINT)

@@ -66,7 +66,8 @@ def completing(words: Callable[[], Iterable[str]], *, several: bool = False) -> 
 
     def complete(incomplete: str) -> list[str]:
         before, comma, last = incomplete.rpartition(",") if several else ("", "", incomplete)
-        return [f"{before}{comma}{word}" for word in words() if word.startswith(last.lower())]
+        found = (word for word in words() if word.lower().startswith(last.lower()))
+        return [f"{before}{comma}{word}" for word in found]
 
     return complete
 

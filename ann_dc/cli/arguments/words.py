@@ -199,6 +199,11 @@ def series_of(word: str):
     >>> series_of("e24-pairs").name
     'E24 pairs'
     """
+    return named("--series", word, series_words())
+
+
+def series_words() -> dict:
+    """Return the resistor series by the words of the command line."""
     from ann_dc.hardware.parts.e_series import SERIES
 
-    return named("--series", word, {name.replace(" ", "-"): s for name, s in SERIES.items()})
+    return {name.replace(" ", "-"): series for name, series in SERIES.items()}

@@ -10,6 +10,7 @@ from ann_dc.cli.arguments.options import (
     JsonOption,
     QuietOption,
     TrajectoryOption,
+    completing,
     option,
     timed,
 )
@@ -27,6 +28,7 @@ from ann_dc.cli.arguments.words import (
     level_of,
     preconditioner_of,
     series_of,
+    series_words,
 )
 from ann_dc.cli.commands.questions import SAMPLES, TRIMMED, BoardOptions, PlaceOptions
 from ann_dc.cli.terminal import finish, notes, progress_line
@@ -53,6 +55,7 @@ class BuildOptions:
         "capacitors are of E24, with E12 of E12.",
         default="exact",
         metavar="SERIES",
+        autocompletion=completing(series_words),
     )
     preconditioner: PreconditionerOption = None
 

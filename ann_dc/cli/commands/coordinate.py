@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ann_dc.cli.arguments.backends import lower_of
-from ann_dc.cli.arguments.options import JsonOption, QuietOption, option, timed
+from ann_dc.cli.arguments.options import JsonOption, QuietOption, completing, option, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.words import named
 from ann_dc.cli.terminal import finish, progress_line
@@ -14,6 +14,12 @@ from ann_dc.report.json_file import make_room, write_results
 
 SMALLEST_TOLERANCE = 1e-8
 """Smallest tolerance; smaller fractions are below the rounding error."""
+
+
+def _coordinators():
+    from ann_dc.two_level.coordination import COORDINATORS
+
+    return COORDINATORS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +31,12 @@ class CoordinationOptions:
         "(33, needs the solution).",
         default="gradient",
         metavar="NAME",
+        autocompletion=completing(_coordinators),
     )
     lower: str | None = option(
         "Lower level: closed (Newton steps of the stage equations) or iterated (16).",
         metavar="NAME",
+        autocompletion=completing(lambda: ("closed", "iterated")),
         show_default="closed; newton: linearised stages",
     )
 

@@ -10,6 +10,7 @@ from ann_dc.cli.arguments.options import (
     JsonOption,
     QuietOption,
     argument,
+    completing,
     option,
     unfolded,
 )
@@ -35,6 +36,7 @@ def navigate(
         "Planner: network, waypoint (IV.C of the paper) or as-printed.",
         default="network",
         metavar="KIND",
+        autocompletion=completing(lambda: PLANNERS),
     ),
     settling_budget: float = option(
         "Network time per control period (tau_min, the fastest time constant).",

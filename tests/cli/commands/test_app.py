@@ -46,6 +46,10 @@ def test_help_of_a_command_has_an_example_and_units(command):
         ("ann-dc solve car --preconditioner diagonal,mul", ["diagonal,multilevel"]),
         ("ann-dc solve car --backend r", ["recurrent"]),
         ("ann-dc show car --form cor", ["corrected"]),
+        ("ann-dc coordinate car --coordinator n", ["newton"]),
+        ("ann-dc coordinate car --lower i", ["iterated"]),
+        ("ann-dc navigate w.toml --planner w", ["waypoint"]),
+        ("ann-dc circuit car --series E9", ["E96", "E96-pairs"]),
     ],
 )
 def test_completion_names_commands_options_and_words(words, completed):
