@@ -5,7 +5,7 @@ Answer:   The spectrum at the solution predicts it: ln(1e6) radius / |abscissa| 
           optimum is unstable if rho is too small, or if multipliers are too slow without coarse
           coordinators. With the diagonal preconditioner settling grows with N; with the multilevel
           preconditioner it does not.
-Figure:   out/demos/04_settling_and_stability.png: measured dots on predicted lines.
+Figure:   out/demos/04_settling_and_stability.png: measured points, predicted lines.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ from ann_dc.plotting import style
 
 TOLERANCE = 1e-6
 LIMIT = 4000.0
-"""Longest run, in fastest time constants."""
+"""Time limit of a run (tau_min)."""
 MOST_STEPS = 3000
-"""A network that runs away gets ever stiffer; after so many steps it has run away."""
+"""Step limit of a run; a diverging network becomes stiffer and reaches it."""
 HORIZON = 0.9
-"""Seconds that the car has, whatever the number of stages."""
+"""Duration of the motion (s), the same for every number of stages."""
 COLOUR = {True: style.BLUE, False: style.VERMILION}
+PRECONDITIONER = {True: "multilevel", False: "diagonal"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """One design: settling in fastest time constants, predicted and measured."""
+    """Settling time of one gain rule, predicted and measured (tau_min)."""
 
     value: float
     abscissa: float
@@ -45,7 +46,7 @@ class Point:
 
 
 class Bench:
-    """A car with N stages at its settled point, where designs are tried."""
+    """Car with N stages at its settled point, to test gain rules."""
 
     def __init__(self, N: int) -> None:
         self.N = N
@@ -55,19 +56,19 @@ class Bench:
 
     @cached_property
     def linear(self) -> Linearisation:
-        """What the closed form reads at the settled point."""
+        """Linearisation at the settled point, from which the closed form computes gains."""
         return Linearisation(self.network).at(self.design.state)
 
     def predict(self, gain_rule: ann_dc.GainRule, value: float) -> Point:
-        """The spectrum's word on a recipe."""
+        """Predict the settling time of a gain rule from its spectrum."""
         found = self._spectrum(gain_rule)
         steps = np.log(1 / TOLERANCE) * found.stiffness_ratio
         return Point(value=value, abscissa=found.abscissa, predicted=float(steps))
 
     def measure(self, gain_rule: ann_dc.GainRule, value: float) -> Point:
-        """The same, and a run from the straight line until it settles (nan where it does not)."""
-        frozen = ann_dc.apply_gains(self.network, closed_form(self.linear, gain_rule))
-        run = ann_dc.OdeBackend(verify=False, limit=LIMIT, most_steps=MOST_STEPS).run(frozen)
+        """Predict and measure settling from the straight line (nan if not settled)."""
+        network = ann_dc.apply_gains(self.network, closed_form(self.linear, gain_rule))
+        run = ann_dc.OdeBackend(verify=False, limit=LIMIT, most_steps=MOST_STEPS).run(network)
         radius = self._spectrum(gain_rule).radius
         return replace(self.predict(gain_rule, value), measured=run.settling_time * radius)
 
@@ -77,41 +78,41 @@ class Bench:
 
 
 def main(out: Path | None = None, fast: bool = False) -> dict:
-    """Sweep rho, dual gains and N; ``fast`` takes three points of each and short rows."""
+    """Sweep rho, multiplier rates and N; ``fast`` selects fewer points and stages."""
     print("designing the car with nine stages ...", flush=True)
     bench = Bench(9)
     few, many = (3, 9) if fast else (7, 31)
-    equilibration_sweeps = {}
+    sweeps = {}
     for name, of, low, high in (
         ("rho", with_rho, -1.0, 1.0),
-        ("dual gain", with_dual_gain, -2.0, 1.5),
+        ("multiplier rate", with_multiplier_rate, -2.0, 1.5),
     ):
-        equilibration_sweeps[name] = {
-            coordinated: sweep(
-                bench, lambda v, c=coordinated, f=of: f(v, c),
+        sweeps[name] = {
+            multilevel: sweep(
+                bench, lambda v, c=multilevel, f=of: f(v, c),
                 np.logspace(low, high, few), np.logspace(low, high, many), name,
             )
-            for coordinated in (True, False)
+            for multilevel in (True, False)
         }  # fmt: skip
     stages = (6, 9) if fast else (9, 18, 36)
-    equilibration_sweeps["N"] = against_stages(stages)
-    print(as_text(equilibration_sweeps))
+    sweeps["N"] = against_stages(stages)
+    print(as_text(sweeps))
     pictures = []
     if out is not None:
         path = Path(out) / "04_settling_and_stability.png"
-        pictures.append(plotting.save(picture(equilibration_sweeps), path))
-    return {"sweeps": as_data(equilibration_sweeps), "figures": pictures}
+        pictures.append(plotting.save(picture(sweeps), path))
+    return {"sweeps": as_data(sweeps), "figures": pictures}
 
 
-def with_rho(value: float, coordinated: bool) -> ann_dc.GainRule:
-    """The recipe with rho = value * rho_0."""
-    base = MULTILEVEL_RULE if coordinated else ann_dc.DIAGONAL_RULE
+def with_rho(value: float, multilevel: bool) -> ann_dc.GainRule:
+    """Return the gain rule with rho = value * rho_0."""
+    base = MULTILEVEL_RULE if multilevel else ann_dc.DIAGONAL_RULE
     return replace(base, penalty=value)
 
 
-def with_dual_gain(value: float, coordinated: bool) -> ann_dc.GainRule:
-    """The recipe with dual rates of value * rho, mu and beta alike."""
-    base = MULTILEVEL_RULE if coordinated else ann_dc.DIAGONAL_RULE
+def with_multiplier_rate(value: float, multilevel: bool) -> ann_dc.GainRule:
+    """Return the gain rule with rates of value * rho for mu and beta."""
+    base = MULTILEVEL_RULE if multilevel else ann_dc.DIAGONAL_RULE
     return replace(base, dual=value, dual_coupling=value)
 
 
@@ -122,7 +123,7 @@ def sweep(
     fine: Iterable[float],
     name: str,
 ) -> dict:
-    """Predictions on a fine grid, runs on a coarse one, and where the abscissa changes sign."""
+    """Predict on a fine grid, run on a coarse grid and find the stability limit."""
     print(f"sweeping {name} ...", flush=True)
     line = [bench.predict(gain_rule(v), float(v)) for v in fine]
     return {
@@ -133,16 +134,16 @@ def sweep(
 
 
 def boundary(line: list[Point]) -> float:
-    """The value below which the optimum repels, interpolated; nan where it attracts throughout."""
+    """Interpolate the value below which the optimum is unstable; nan if none is."""
     for low, high in pairwise(line):
         if low.abscissa >= 0 > high.abscissa:
-            share = low.abscissa / (low.abscissa - high.abscissa)
-            return float(low.value * (high.value / low.value) ** share)
+            fraction = low.abscissa / (low.abscissa - high.abscissa)
+            return float(low.value * (high.value / low.value) ** fraction)
     return float("nan")
 
 
 def against_stages(stages: tuple[int, ...]) -> dict:
-    """Both recipes over the number of stages, same horizon in seconds."""
+    """Run both gain rules for several numbers of stages, with the same duration."""
     found: dict[bool, list[Point]] = {True: [], False: []}
     for N in stages:
         print(f"designing and running N = {N} ...", flush=True)
@@ -150,13 +151,13 @@ def against_stages(stages: tuple[int, ...]) -> dict:
         found[True].append(bench.measure(MULTILEVEL_RULE, N))
         found[False].append(bench.measure(ann_dc.DIAGONAL_RULE, N))
     return {
-        coordinated: {"line": dots, "dots": dots, "boundary": float("nan")}
-        for coordinated, dots in found.items()
+        multilevel: {"line": dots, "dots": dots, "boundary": float("nan")}
+        for multilevel, dots in found.items()
     }
 
 
-def as_data(equilibration_sweeps: dict) -> dict:
-    """Plain numbers of every sweep."""
+def as_data(sweeps: dict) -> dict:
+    """Return the numbers of every sweep."""
     name = {True: "with coordinators", False: "without"}
     return {
         sweep: {
@@ -166,42 +167,43 @@ def as_data(equilibration_sweeps: dict) -> dict:
             }
             for c, one in both.items()
         }
-        for sweep, both in equilibration_sweeps.items()
+        for sweep, both in sweeps.items()
     }
 
 
-def as_text(equilibration_sweeps: dict) -> str:
-    """The measured points beside what the spectrum said."""
-    lines = [f"{'':30}{'value':>9}{'abscissa':>11}{'predicted':>11}{'measured':>10}"]
-    for name, both in as_data(equilibration_sweeps).items():
-        for kind, one in both.items():
+def as_text(sweeps: dict) -> str:
+    """Return the table of predicted and measured settling times."""
+    head = f"{'settling time (tau_min)':30}{'value':>9}{'abscissa':>11}"
+    lines = [f"{head}{'predicted':>11}{'measured':>10}"]
+    for name, both in sweeps.items():
+        for multilevel, one in both.items():
+            case = f"{name}, {PRECONDITIONER[multilevel]}"
             for p in one["dots"]:
                 lines.append(
-                    f"{name + ', ' + kind:30}{p['value']:9.3g}{p['abscissa']:11.2e}"
-                    f"{p['predicted']:11.0f}{p['measured']:10.0f}"
+                    f"{case:30}{p.value:9.3g}{p.abscissa:11.2e}{p.predicted:11.0f}{p.measured:10.0f}"
                 )
             if np.isfinite(one["boundary"]):
-                lines.append(f"{'':30}the optimum repels below {one['boundary']:.3g}")
+                lines.append(f"{'':30}the optimum is unstable below {one['boundary']:.3g}")
     return "\n".join(lines)
 
 
-def picture(equilibration_sweeps: dict):
-    """Three panels, one a sweep: lines predicted, dots measured, dotted where stability begins."""
+def picture(sweeps: dict):
+    """Draw a panel per sweep: predicted lines, measured points, stability limits."""
     figure = plotting.new_figure(11.0, 4.2)
     labels = {
-        "rho": "penalty rho / rho_0 (1)",
-        "dual gain": "dual gain, rate of mu and beta / rho (1)",
-        "N": "stages N (1), same 0.9 s",
+        "rho": "penalty rho (relative to rho_0)",
+        "multiplier rate": "rate of mu and beta (relative to rho)",
+        "N": "number of stages N (N dt = 0.9 s)",
     }
     panels = figure.subplots(1, 3, sharey=True)
-    for axes, (name, both) in zip(panels, equilibration_sweeps.items()):
-        for coordinated, one in both.items():
-            panel(axes, one, COLOUR[coordinated], coordinated)
+    for axes, (name, both) in zip(panels, sweeps.items()):
+        for multilevel, one in both.items():
+            panel(axes, one, COLOUR[multilevel], multilevel)
         axes.set(xscale="log", yscale="log", xlabel=labels[name])
         plotting.quiet(axes)
     panels[0].set_ylim(80, 3e4)
-    panels[0].set_ylabel("settling to 1e-6 (fastest time constants)")
-    ticks = [int(p.value) for p in equilibration_sweeps["N"][True]["dots"]]
+    panels[0].set_ylabel("settling time to 1e-6 (tau_min)")
+    ticks = [int(p.value) for p in sweeps["N"][True]["dots"]]
     panels[2].set_xticks(ticks, [str(N) for N in ticks])
     panels[2].minorticks_off()
     handles = {}
@@ -213,16 +215,16 @@ def picture(equilibration_sweeps: dict):
         frameon=False, fontsize=8,
     )  # fmt: skip
     figure.suptitle(
-        "The spectrum knows before the run: settling of the car's network, "
+        "Settling time predicted by the spectrum and measured: network of the car, "
         "N = 9, dt = 0.1 s unless swept",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure
 
 
-def panel(axes, one: dict, colour: str, coordinated: bool) -> None:
-    """One sweep of one wiring."""
-    kind = "with coordinators" if coordinated else "without"
+def panel(axes, one: dict, colour: str, multilevel: bool) -> None:
+    """Draw one sweep with one preconditioner."""
+    kind = PRECONDITIONER[multilevel]
     line = [p for p in one["line"] if np.isfinite(p.predicted)]
     axes.plot(
         [p.value for p in line], [p.predicted for p in line],
@@ -233,13 +235,13 @@ def panel(axes, one: dict, colour: str, coordinated: bool) -> None:
         [p.value for p in settled], [p.measured for p in settled], "o",
         color=colour, ms=6, mec="white", label=f"measured, {kind}",
     )  # fmt: skip
-    lost = [p.value for p in one["dots"] if not np.isfinite(p.measured)]
+    unsettled = [p.value for p in one["dots"] if not np.isfinite(p.measured)]
     axes.plot(
-        lost, [LIMIT] * len(lost), "+" if coordinated else "x",
-        color=colour, ms=8, mew=1.6, label=f"did not settle in {LIMIT:g}, {kind}",
+        unsettled, [LIMIT] * len(unsettled), "+" if multilevel else "x",
+        color=colour, ms=8, mew=1.6, label=f"not settled in {LIMIT:g} tau_min, {kind}",
     )  # fmt: skip
     if np.isfinite(one["boundary"]):
-        axes.axvline(one["boundary"], color=colour, ls=":", label=f"repels left of it, {kind}")
+        axes.axvline(one["boundary"], color=colour, ls=":", label=f"unstable to the left, {kind}")
 
 
 if __name__ == "__main__":

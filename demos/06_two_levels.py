@@ -26,8 +26,8 @@ from ann_dc.plotting import style
 from ann_dc.plotting.paper import figure_6, figure_of_definitions, figure_of_following
 from ann_dc.two_level import Gradient, NewtonCoordinator, OracleCoordinator, OracleGain, TwoLevelRun
 
-LOST = 1e6
-"""Residual of a run that is drawn no further."""
+DIVERGED = 1e6
+"""Residual above which a run is not drawn."""
 COLOURS = {
     "plain, oracle |B/A|/2": style.GREY,
     "augmented, oracle |B/A|/2": style.ORANGE,
@@ -37,8 +37,8 @@ COLOURS = {
 
 
 def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
-    """Every coordinator on the same start, and what is known before."""
-    equations = ann_dc.decompose(problem, ann_dc.switch("S14"))  # q_0 a neuron: all cells alike
+    """Run every coordinator from one initial guess; return runs and predictions."""
+    equations = ann_dc.decompose(problem, ann_dc.switch("S14"))  # q_0 as a neuron: equal cells
     design = ann_dc.design(
         ann_dc.synthesize(equations), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
     )
@@ -60,9 +60,9 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
     newton = ann_dc.TwoLevels(network, upper=NewtonCoordinator())
     line = np.subtract(problem.q_d, problem.q_0)
     warm = {}
-    for share in (0.01, 0.05, 0.2):
-        moved = {f"q_0.{s}": a + share * d for s, a, d in zip(problem.states, problem.q_0, line)}
-        warm[share] = int(newton.run(settled, moved).outer_iterations[0])
+    for fraction in (0.01, 0.05, 0.2):
+        moved = {f"q_0.{s}": a + fraction * d for s, a, d in zip(problem.states, problem.q_0, line)}
+        warm[fraction] = int(newton.run(settled, moved).outer_iterations[0])
     whole = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL).network
     known = {
         "predicted": gains.predicted(),
@@ -75,20 +75,20 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
 
 
 def main(out: Path | None = None) -> dict:
-    """Run every coordinator; return outer iterations, records and the path of the picture."""
+    """Run every coordinator; return outer iterations, runs and figure paths."""
     runs, known = runs_of(ann_dc.plants.car())
     print(known["hypothesis"])
     for name, run in runs.items():
         count = int(run.outer_iterations[0])
-        outcome = f"{count} outer iterations" if count >= 0 else "does not settle"
+        outcome = f"{count} outer iterations" if count >= 0 else "not settled"
         if name == "augmented, two gains":
             outcome += f" (linearised prediction {known['predicted']:.0f})"
         print(f"{name:28} {outcome}")
-    for share, count in known["warm"].items():
-        print(f"Newton, after q_0 moved by {share:4.0%} of the way: {count}")
+    for fraction, count in known["warm"].items():
+        print(f"Newton, q_0 moved by {fraction:4.0%} of q_d - q_0: {count} outer iterations")
     print(
-        f"hardware: a Newton coordinator settles {known['jacobian_entries']} weights that change "
-        f"with the state; the pyramid has {known['coarse_neurons']} neurons with fixed ones"
+        f"hardware: {known['jacobian_entries']} state-dependent weights (Newton coordinator); "
+        f"{known['coarse_neurons']} coarse neurons with fixed weights (multilevel)"
     )
     figures = []
     if out is not None:
@@ -99,7 +99,7 @@ def main(out: Path | None = None) -> dict:
 
 
 def figures_of_the_paper(out: Path) -> list[Path]:
-    """Figure 6 with both of its cases and to the letter, (21), and Theorem IV.1."""
+    """Draw Figure 6 (both cases and as printed), equation (21) and Theorem IV.1."""
     found = iterations()
     print(found.following)
     drawn = {
@@ -111,13 +111,13 @@ def figures_of_the_paper(out: Path) -> list[Path]:
 
 
 def shown(run: TwoLevelRun) -> slice:
-    """The outer iterations that are drawn: a run that is lost ends where it leaves the picture."""
-    lost = ~(run.residuals[:, 0] < LOST)
-    return slice(int(lost.argmax()) if lost.any() else None)
+    """Return the outer iterations to draw; a diverged run ends at `DIVERGED`."""
+    diverged = ~(run.residuals[:, 0] < DIVERGED)
+    return slice(int(diverged.argmax()) if diverged.any() else None)
 
 
 def picture(runs: dict[str, TwoLevelRun]):
-    """lambda and its bound, A, B, Theta and the residual over the outer iterations."""
+    """Draw lambda, A, B, Theta and the residual over the outer iterations."""
     figure = plotting.new_figure(9.6, 6.4)
     panels = figure.subplots(2, 3, sharex=True).ravel()
     panels[5].axis("off")
@@ -136,26 +136,26 @@ def picture(runs: dict[str, TwoLevelRun]):
         panels[4].loglog(j, run.residuals[near, 0], **look)
         panels[5].plot([], [], color=colour, lw=2, label=name)
     panels[2].plot([], [], ".", color=style.INK, label="B < 0: some λ lowers Θ")
-    panels[2].plot([], [], "+", color=style.INK, label="B ≥ 0: none does")
-    panels[2].set_ylim(bottom=1e-28)  # room below the last point of Newton's
+    panels[2].plot([], [], "+", color=style.INK, label="B ≥ 0: none")
+    panels[2].set_ylim(bottom=1e-28)  # margin below the last point of Newton
     panels[2].legend(frameon=False, fontsize=7, loc="lower left")
     panels[4].axhline(1e-6, color=style.GREY, lw=1, ls=":")
     for axes, label in zip(
         panels,
         ("gain λ of t (network units)", "A = ½ Σ |d|², (21) (network units)",
          "|B|, B = Σ eᵀd, (21) (network units)", "Θ = ½ Σ |e|², (19) (network units)",
-         "relative KKT residual (1)"),
+         "relative KKT residual"),
     ):  # fmt: skip
         axes.set_ylabel(label, fontsize=9)
         axes.axvline(3, color=style.GREY, lw=0.8, ls="--")
         plotting.quiet(axes)
     for axes in panels[2:5]:
-        axes.set_xlabel("outer iteration (1)")
+        axes.set_xlabel("outer iteration j")
         axes.tick_params(labelbottom=True)
-    panels[0].text(3.2, panels[0].get_ylim()[0] * 2, "the third", fontsize=8, color=style.INK)
+    panels[0].text(3.2, panels[0].get_ylim()[0] * 2, "third iteration", fontsize=8, color=style.INK)
     panels[5].legend(loc="center left", frameon=False, fontsize=9, title="coordinator")
     figure.suptitle(
-        "The paper's two-level algorithm on its own example, N = 9, dt = 0.1 s",
+        "Two-level algorithm of the paper with the paper's example, N = 9, dt = 0.1 s",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure

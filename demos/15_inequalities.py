@@ -7,8 +7,8 @@ Answer:   An inequality is one more neuron: the integrator of its multiplier wit
           saturation limit of its integrator. Constraints become active and inactive on the way,
           until six rows are active and nine controls are saturated; the certificate checks
           violation, signs and complementarity independently. The car settles in 74 tau_min.
-Figure:   out/demos/15_inequalities.png: the path with and without inequalities, controls between
-          their limits, multipliers over the stages, and how diodes switch until it has settled.
+Figure:   out/demos/15_inequalities.png: path with and without inequalities, controls and their
+          limits, multipliers over the stages, active constraints over network time.
 """
 
 from dataclasses import replace
@@ -23,17 +23,17 @@ from ann_dc.evaluation import kkt_point
 from ann_dc.plotting import style
 
 DISCS = ((1.6, 0.9, 0.5), (2.9, 3.0, 0.6), (4.2, 3.6, 0.4))
-"""Centre and radius in metres."""
+"""Centre and radius of the discs, in m."""
 LIMITS = {"nu": (0, 4), "eta": (-2.5, 2.5), "varphi": (-0.5, 0.5)}
-"""Speed in m/s, steering rate in rad/s, steering angle in rad."""
+"""Limits of speed (m/s), steering rate (rad/s) and steering angle (rad)."""
 COLOURS = (style.GREEN, style.ORANGE, style.PURPLE, style.BLUE, style.SKY)
-"""Of the inequalities."""
-LOOKS = 400
-"""Instants of the run at which the diodes are looked at."""
+"""Colours of the inequalities."""
+INSTANTS = 400
+"""Number of instants of the run at which active constraints are determined."""
 
 
 def among_discs() -> ann_dc.OptimalControlProblem:
-    """The paper's car with a finer horizon, obstacles and limits."""
+    """Return the paper's car with a finer horizon, obstacles and limits."""
     x, y = sp.symbols("x y")
     outside = {
         f"disc{number}": (x - a) ** 2 + (y - b) ** 2 >= radius**2
@@ -43,13 +43,13 @@ def among_discs() -> ann_dc.OptimalControlProblem:
 
 
 def main(out: Path | None = None) -> dict:
-    """Solve it with and without; return both, the diodes' switching and the picture's path."""
+    """Solve with and without inequalities; return solutions, active constraints, figure paths."""
     backend = ann_dc.OdeBackend(verify=False)
     free = ann_dc.solve(ann_dc.plants.car(N=24), backend=backend)
     held = ann_dc.solve(among_discs(), backend=backend)
     print(f"without inequalities: objective {free.objective:.2f}, {free.verdict}")
     print(held)
-    time, conducting = switching(held)
+    time, conducting = active_constraints(held)
     figures = []
     if out is not None:
         figure = picture(free, held, time, conducting)
@@ -57,27 +57,27 @@ def main(out: Path | None = None) -> dict:
     return {"free": free, "held": held, "conducting": conducting, "figures": figures}
 
 
-def switching(solution: ann_dc.Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Network time in fastest time constants, and which diodes (row, stage) conduct then."""
+def active_constraints(solution: ann_dc.Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Return network time in tau_min, and the active constraints (time, row, stage)."""
     run, radius = solution.trajectory, solution.spectrum.radius
-    looks = np.unique(np.linspace(0, len(run.time) - 1, LOOKS).astype(int))
-    conducting = [kkt_point(solution.network, run.states[look])[5] > 0 for look in looks]
-    return radius * run.time[looks], np.array(conducting)
+    instants = np.unique(np.linspace(0, len(run.time) - 1, INSTANTS).astype(int))
+    conducting = [kkt_point(solution.network, run.states[instant])[5] > 0 for instant in instants]
+    return radius * run.time[instants], np.array(conducting)
 
 
 def picture(free: ann_dc.Solution, held: ann_dc.Solution, time, conducting):
-    """Path, controls, multipliers, and how it settles."""
+    """Draw path, controls, multipliers, KKT residual and active constraints."""
     figure = plotting.new_figure(10.4, 7.8)
     grid = figure.add_gridspec(4, 2)
     plane, controls = (figure.add_subplot(grid[:2, column]) for column in (0, 1))
-    relative_multiplier = figure.add_subplot(grid[2:, 0])
+    stages = figure.add_subplot(grid[2:, 0])
     residual = figure.add_subplot(grid[2, 1])
-    diodes = figure.add_subplot(grid[3, 1], sharex=residual)
+    active = figure.add_subplot(grid[3, 1], sharex=residual)
     paths(plane, free, held)
-    limited(controls, free, held)
-    multipliers(relative_multiplier, held)
+    draw_controls(controls, free, held)
+    multipliers(stages, held)
     settling(residual, held)
-    switches(diodes, time, conducting)
+    draw_active(active, time, conducting)
     for axes in figure.axes:
         plotting.quiet(axes)
     plotting.headline(figure, plotting.title(held))
@@ -85,7 +85,7 @@ def picture(free: ann_dc.Solution, held: ann_dc.Solution, time, conducting):
 
 
 def paths(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
-    """The plane with the discs."""
+    """Draw both paths and the discs."""
     angle = np.linspace(0, 2 * np.pi, 100)
     for number, (a, b, radius) in enumerate(DISCS, 1):
         axes.fill(a + radius * np.cos(angle), b + radius * np.sin(angle), color="#DADADA")
@@ -96,8 +96,8 @@ def paths(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
     axes.legend(frameon=False, fontsize=8)
 
 
-def limited(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
-    """Both controls between their limits."""
+def draw_controls(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
+    """Draw both controls and their limits."""
     for name, unit, color in (("nu", "m/s", style.VERMILION), ("eta", "rad/s", style.BLUE)):
         line = {"baseline": None, "color": color}
         axes.stairs(free[name], free.time, lw=0.8, alpha=0.6, **line)
@@ -111,7 +111,7 @@ def limited(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
 
 
 def multipliers(axes, held: ann_dc.Solution) -> None:
-    """With what every inequality presses, at the stages where it does."""
+    """Draw the multipliers of the active inequalities over the stages."""
     for row, color in zip(held.problem.inequalities, COLOURS):
         zeta = held[f"z.{row.name}"]
         stages = np.flatnonzero(zeta > 1e-6 * held["z"].max())
@@ -123,21 +123,21 @@ def multipliers(axes, held: ann_dc.Solution) -> None:
 
 
 def settling(axes, held: ann_dc.Solution) -> None:
-    """The residual over network time, to where it has fallen below tolerance."""
+    """Draw the KKT residual over network time until it is below the tolerance."""
     run, radius, end = (
         held.trajectory,
         held.spectrum.radius,
         held.normalised_settling_time,
     )
     axes.semilogy(radius * run.residual_time, run.kkt, color=style.INK, lw=1.2)
-    axes.plot(end, held.run.tolerance, "D", color=style.VERMILION, label=f"settled: {end:.0f}")
-    axes.set(ylabel="KKT residual (1)", xlim=(0, 1.05 * end), ylim=(1e-7, 1e1))
+    axes.plot(end, held.run.tolerance, "D", color=style.VERMILION, label=f"settled after {end:.0f}")
+    axes.set(ylabel="relative KKT residual", xlim=(0, 1.05 * end), ylim=(1e-7, 1e1))
     axes.tick_params(labelbottom=False)
     axes.legend(frameon=False, fontsize=8)
 
 
-def switches(axes, time, conducting) -> None:
-    """When each of the diodes conducts that ever do: bars in the colour of its inequality."""
+def draw_active(axes, time, conducting) -> None:
+    """Draw a bar, in the colour of its inequality, while a constraint is active."""
     edges = [*time, time[-1]]
     seen = np.argwhere(conducting.any(axis=0))
     for place, (row, stage) in enumerate(seen):
@@ -146,7 +146,7 @@ def switches(axes, time, conducting) -> None:
             (edges[a], edges[b] - edges[a]) for a, b in zip(*map(np.flatnonzero, (on > 0, on < 0)))
         ]
         axes.broken_barh(bars, (place, 0.7), color=COLOURS[row], lw=0)
-    axes.set(xlabel=style.FASTEST, ylabel="diodes that conduct", yticks=[])
+    axes.set(xlabel=style.FASTEST, ylabel="active constraints", yticks=[])
 
 
 if __name__ == "__main__":

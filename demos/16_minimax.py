@@ -7,8 +7,8 @@ Answer: It minimises the larger of the two (equation (6)), each relative to its 
           that none exceeds; multipliers that add up to one give the fraction of each objective in
           the cost. At equal weights both are equal. The weights are inputs, so one network with
           fixed gains gives the whole Pareto front, every point certified (`ann_dc.pareto`).
-Figure:   out/demos/16_minimax.png: the front between ideal and nadir, how fast the car goes along
-          it, and how objectives, level and shares settle.
+Figure:   out/demos/16_minimax.png: Pareto front with ideal and nadir, speeds along the front, and
+          objectives, their level and multipliers over network time.
 """
 
 from pathlib import Path
@@ -22,11 +22,11 @@ from ann_dc.plotting import style
 
 DT, N = 0.1, 12
 COLOURS = (style.BLUE, style.ORANGE)
-"""Of the objectives."""
+"""Colours of the objectives."""
 
 
 def car() -> ann_dc.OptimalControlProblem:
-    """The paper's car on a short way, with two objectives."""
+    """Return the paper's car with a near target and two objectives."""
     x, y, theta, phi, nu, eta = sp.symbols("x y theta phi nu eta")
     velocity = (-0.1 * x + sp.cos(theta) * nu, -0.1 * y + sp.sin(theta) * nu)
     effort = (nu**2 + eta**2) / 2
@@ -34,7 +34,7 @@ def car() -> ann_dc.OptimalControlProblem:
         name="car", states=(x, y, theta, phi), controls=(nu, eta), dt=DT, horizon=N,
         dynamics=(*velocity, -0.1 * theta + sp.tan(phi) * nu, -0.1 * phi + eta),
         q_0=(0, 0, 0, 0), q_d=(3, 2, 0, 0), units={"x": "m", "y": "m"},
-        # the squares of all steps, times their number: of paths with even steps the length squared
+        # N times the sum of squared steps: the squared length of a path with equal steps
         objectives={
             "effort": effort,
             "length": N * DT**2 * (velocity[0] ** 2 + velocity[1] ** 2) + 0.02 * effort,
@@ -43,7 +43,7 @@ def car() -> ann_dc.OptimalControlProblem:
 
 
 def main(out: Path | None = None, points: int = 15) -> dict:
-    """The front and one run of its network; return both and the picture's path."""
+    """Compute the front and one run of its network; return both and the figure path."""
     front = ann_dc.pareto(car(), points)
     print(front)
     run = ann_dc.OdeBackend(verify=False).run(front.design.network)
@@ -54,7 +54,7 @@ def main(out: Path | None = None, points: int = 15) -> dict:
 
 
 def picture(front, run):
-    """Front, speeds, and the shared neurons over network time."""
+    """Draw the front, the speeds, and the common neurons over network time."""
     figure = plotting.new_figure(11, 3.7)
     plane, speeds, neurons = figure.subplots(1, 3)
     order = np.argsort(front.values[:, 0])
@@ -69,21 +69,21 @@ def picture(front, run):
     draw_neurons(neurons, front, run)
     plotting.headline(
         figure,
-        f"the paper's car, effort against length: {int(front.certified.sum())} of {len(front)} "
-        "points certified, all from one frozen network",
+        f"car, effort against length: {int(front.certified.sum())} of {len(front)} "
+        "points certified, one network with fixed gains",
     )
     return figure
 
 
 def colour_of(tone: float):
-    """Of a point by its place along the front."""
+    """Return the colour of a point by its position along the front."""
     from matplotlib import colormaps
 
     return colormaps["viridis"](tone)
 
 
 def draw_front(axes, front, order, tones) -> None:
-    """Effort against length."""
+    """Draw effort against squared length."""
     plotting.quiet(axes)
     axes.plot(*front.values[order].T, color=style.GREY, lw=1)
     axes.scatter(*front.values[order].T, c=[colour_of(tone) for tone in tones], s=22, zorder=3)
@@ -92,20 +92,22 @@ def draw_front(axes, front, order, tones) -> None:
     axes.axvline(front.nadir[0], color=style.GREY, lw=0.8, ls=":")
     axes.axhline(front.nadir[1], color=style.GREY, lw=0.8, ls=":")
     axes.annotate("nadir", front.nadir, (-30, -11), textcoords="offset points", fontsize=8)
-    axes.set(xlabel="effort", ylabel="length, squared (m²)", title="the front")
+    axes.set(xlabel="effort", ylabel="squared length (m²)", title="Pareto front")
 
 
 def draw_neurons(axes, front, run) -> None:
-    """Objectives, level and shares at equal weights."""
+    """Draw objectives, level and multipliers at equal weights."""
     plotting.quiet(axes)
     path = run.trajectory
     time = path.time * front.design.spectrum.radius
     for name, colour in zip(front.names, COLOURS):
-        axes.plot(time, path[f"z_J.{name}"][:, -1], color=colour, lw=1.3, label=f"share of {name}")
+        axes.plot(
+            time, path[f"z_J.{name}"][:, -1], color=colour, lw=1.3, label=f"multiplier, {name}"
+        )
         axes.plot(time, path[f"J.{name}"][:, -1], color=colour, lw=1, ls="--", label=name)
     axes.plot(time, path["E.max"][:, -1], color=style.INK, lw=1, label="level")
     axes.set(
-        xlabel=style.FASTEST, title="shared neurons, equal weights", ylim=(-0.6, 1.1),
+        xlabel=style.FASTEST, title="common neurons, equal weights", ylim=(-0.6, 1.1),
         xlim=(0, 250),
     )  # fmt: skip
     axes.legend(fontsize=7.5, frameon=False, loc="upper right")

@@ -9,7 +9,7 @@ Answer:   The network plans 20 stages ahead ten times per second, for at most 10
           q_obs + delta and a new plan, without a filter) collides in six, because it ignores other
           obstacles; as printed, without the segment to the waypoint, in ten. Single journeys depend
           on the last digit of the gains; rates are those of the bench with 200 worlds.
-Figure:   out/demos/17_navigation.png: one world, three planners; plans, way, where obstacles went.
+Figure:   out/demos/17_navigation.png: one scenario with three planners: plans, paths, obstacles.
 """
 
 from collections.abc import Sequence
@@ -28,26 +28,31 @@ from ann_dc.navigation import (
 from ann_dc.problem import car_robot
 
 SEEDS = (1, 0, *range(2, 12))
-"""Seeds of the worlds; the first one is drawn."""
+"""Seeds of the scenarios; the first scenario is drawn."""
 REVERSE = 0.8
-"""Largest speed in reverse gear, in m/s."""
-HEAD = f"{'':34}{'':>18}{'room':>7}{'way':>7}{'effort':>8}{'settled':>9}{'spent':>7}{'filter':>8}"
+"""Largest speed in reverse gear (m/s)."""
+HEAD = (
+    f"{'planner':26}{'scenario':>8}{'result':>18}{'clearance':>11}{'length':>8}{'effort':>8}"
+    f"{'settled':>9}{'time':>9}{'filter':>9}\n"
+    f"{'':52}{'(m)':>11}{'(m)':>8}{'':8}{'(plans)':>9}{'(tau_min)':>9}{'(periods)':>9}"
+)
+"""Head of the printed table; settling time: median over the plans."""
 
 
 def main(
     out: Path | None = None, seeds: Sequence[int] = SEEDS, horizon: int = 20, stages: int = 8
 ) -> dict:
-    """Drive through all worlds with every planner; return journeys and figure."""
+    """Drive through all scenarios with every planner; return runs and figure."""
     robot = car_robot(reverse=REVERSE)
-    worlds = [random_scenario(seed, robot=robot) for seed in seeds]
-    print("designing a planning network, then one for segments to waypoints (half a minute each)")
+    scenarios = [random_scenario(seed, robot=robot) for seed in seeds]
+    print("designing networks for planning and for segments to waypoints (about 30 s each)")
     network = design_planner(robot, horizon=horizon)
     waypoint = design_waypoint_planner(robot, stages=stages)
-    print(f"driving through {len(worlds)} worlds")
+    print(f"driving through {len(scenarios)} scenarios")
     journeys = {
-        "network with constraints": drive(worlds, network, safety_filter=SafetyFilter()),
-        "IV.C: waypoints": drive(worlds, waypoint, safety_filter=None),
-        "IV.C as printed": drive(worlds, replace(waypoint, as_printed=True), safety_filter=None),
+        "network with constraints": drive(scenarios, network, safety_filter=SafetyFilter()),
+        "IV.C: waypoints": drive(scenarios, waypoint, safety_filter=None),
+        "IV.C as printed": drive(scenarios, replace(waypoint, as_printed=True), safety_filter=None),
     }
     print(HEAD)
     for name, driven in journeys.items():
@@ -61,30 +66,31 @@ def main(
 
 
 def end(journey: ClosedLoopRun) -> str:
-    """Return the end of a journey, in a word."""
-    return "collided" if journey.collided else "arrived" if journey.arrived else "gave up"
+    """Return the result of a closed-loop run as one word."""
+    return "collided" if journey.collided else "arrived" if journey.arrived else "stopped"
 
 
 def line(journey: ClosedLoopRun) -> str:
-    """Return clearance (m), length (m), effort, settled plans, median settling time, filter."""
-    text = f"{end(journey):>18}{journey.clearance.min():7.2f}{journey.length:7.2f}"
+    """Return the table row of a closed-loop run, with the columns of `HEAD`."""
+    text = f"{end(journey):>18}{journey.clearance.min():11.2f}{journey.length:8.2f}"
     text += f"{journey.effort:8.1f}"
     if not journey.spent.any():
         return text
     settled = sum(journey.residuals < 1e-3) / len(journey.residuals)
     spent = sorted(journey.spent)[len(journey.spent) // 2]
-    return text + f"{settled:9.0%}{spent:7.0f}{journey.shielded.sum():8d}"
+    return text + f"{settled:9.0%}{spent:9.0f}{journey.shielded.sum():9d}"
 
 
 def picture(journeys: dict[str, ClosedLoopRun]):
-    """Draw one world, with a panel per planner."""
+    """Draw one scenario, with a panel per planner."""
     figure = plotting.new_figure(11.4, 4.6)
     row = figure.subplots(1, len(journeys), sharex=True, sharey=True)
     for axes, (name, journey) in zip(row, journeys.items()):
         plotting.worlds.plane(axes, journey)
         axes.set(xlim=(-0.8, 6.2), ylim=(-0.8, 5.9))
         axes.set_title(
-            f"{name}: {end(journey)}\nleast clearance {journey.clearance.min():.2f} m", fontsize=9
+            f"{name}: {end(journey)}\nsmallest clearance {journey.clearance.min():.2f} m",
+            fontsize=9,
         )
     for axes in row[1:]:
         axes.set_ylabel("")

@@ -30,19 +30,20 @@ from ann_dc.study.shipped import FACTORS, boundaries, settling_against_gains
 KINDS = {
     "resistive-grid": ("resistive grid", style.GREEN, "v"),
     "multilevel": ("multilevel", style.BLUE, "o"),
-    "diagonal": ("time constants alone", style.VERMILION, "s"),
+    "diagonal": ("diagonal", style.VERMILION, "s"),
 }
-"""Kinds of preconditioner: words, colour and marker."""
+"""Label, colour and marker of every preconditioner."""
 NAMES = {
     "rho": "penalty rho",
     "tau.q": "time constants of q (states)",
     "tau.u": "time constants of u (controls)",
     "tau.t": "time constants of t (targets)",
-    "tau.mu": "time constants of mu (duals of the map)",
-    "tau.beta": "time constants of beta (duals of the coupling)",
+    "tau.mu": "time constants of mu (multipliers of the dynamics)",
+    "tau.beta": "time constants of beta (multipliers of the coupling)",
 }
+"""Labels of the gains."""
 TOP = 1e5
-"""Fastest time constants at which the picture ends."""
+"""Upper end of the settling-time axis (tau_min)."""
 
 
 def main(
@@ -53,9 +54,7 @@ def main(
     gains: Sequence[str] | None = None,
     workers: int | None = None,
 ) -> dict:
-    """Run a study for every kind of preconditioner and gain; return tables, boundaries, and the
-    picture.
-    """
+    """Run a study for every preconditioner and gain; return tables, boundaries, figure path."""
     tables: dict[str, dict[str, Table]] = {}
     found: dict[str, dict[str, tuple[float, ...]]] = {}
     for kind in kinds:
@@ -71,8 +70,8 @@ def main(
 
 
 def as_text(kind: str, tables: dict[str, Table], found: dict[str, tuple[float, ...]]) -> str:
-    """Settled runs of a kind, how far the spectrum was off, and where it ceases to attract."""
-    lines = [f"{KINDS[kind][0]}: fastest time constants to 1e-6, as designed and at best"]
+    """Return settling times, measured over predicted, and stability boundaries as text."""
+    lines = [f"{KINDS[kind][0]}: settling time to 1e-6 (tau_min), designed gain and best factor"]
     for gain, table in tables.items():
         factors, times = table[f"gains.{gain}"], table["normalised_settling_time"]
         ratio = times / table["settling_by_spectrum"]
@@ -81,14 +80,14 @@ def as_text(kind: str, tables: dict[str, Table], found: dict[str, tuple[float, .
         edges = ", ".join(f"{edge:.3g}" for edge in found[gain])
         lines.append(
             f"  {NAMES.get(gain, gain):48} {times[designed]:6.0f} {times[best]:6.0f} at "
-            f"{factors[best]:5.3g};  measured / spectrum {ratio.min():.2f} to {ratio.max():.2f}, "
-            f"{len(ratio)} of {len(table)} settled" + (f"; repels below {edges}" if edges else "")
+            f"{factors[best]:5.3g};  measured / predicted {ratio.min():.2f} to {ratio.max():.2f}, "
+            f"{len(ratio)} of {len(table)} settled" + (f"; unstable below {edges}" if edges else "")
         )
     return "\n".join(lines)
 
 
 def picture(subject: str, tables: dict, found: dict):
-    """A panel a gain: lines by the spectrum, marks measured, crosses that did not settle."""
+    """Draw a panel per gain: predicted lines, measured markers, crosses if not settled."""
     gains = [*next(iter(tables.values()))]
     figure = plotting.new_figure(11.0, 3.1 * -(-len(gains) // 3) + 0.8)
     panels = np.ravel(figure.subplots(-(-len(gains) // 3), 3, sharey=True, sharex=True))
@@ -103,30 +102,30 @@ def picture(subject: str, tables: dict, found: dict):
         axes.set_title(NAMES.get(gain, gain), fontsize=9)
         plotting.quiet(axes)
     for axes in panels[-3:]:
-        axes.set_xlabel("factor on the designed value (1)")
+        axes.set_xlabel("factor (relative to the designed value)")
     for axes in panels[::3]:
-        axes.set_ylabel("settling to 1e-6\n(fastest time constants)")
+        axes.set_ylabel("settling time to 1e-6\n(tau_min)")
     axes = panels[0]
-    axes.plot([], [], "x", color=style.INK, ms=6, label="did not settle")
-    axes.plot([], [], ":", color=style.INK, lw=1.2, label="left of it the optimum repels")
+    axes.plot([], [], "x", color=style.INK, ms=6, label="not settled")
+    axes.plot([], [], ":", color=style.INK, lw=1.2, label="optimum unstable to the left")
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     plotting.headline(
         figure,
-        f"{subject}: one gain at a time is multiplied, the others stay as designed; "
-        "lines by the spectrum, marks measured",
+        f"{subject}: one gain at a time is multiplied, the others are as designed; "
+        "lines: predicted by the spectrum, markers: measured",
     )
     return figure
 
 
 def panel(axes, table: Table, gain: str, kind: str) -> None:
-    """One gain with one kind of preconditioner."""
-    words, colour, mark = KINDS[kind]
+    """Draw predicted and measured settling over one gain, with one preconditioner."""
+    label, colour, mark = KINDS[kind]
     factors, times = table[f"gains.{gain}"], table["normalised_settling_time"]
     axes.plot(
-        factors, table["settling_by_spectrum"], color=colour, lw=1.3, label=f"spectrum, {words}"
+        factors, table["settling_by_spectrum"], color=colour, lw=1.3, label=f"predicted, {label}"
     )
-    axes.plot(factors, times, mark, color=colour, ms=5, mec="white", label=f"measured, {words}")
+    axes.plot(factors, times, mark, color=colour, ms=5, mec="white", label=f"measured, {label}")
     lost = factors[~np.isfinite(times)]
     height = TOP * 1.35 ** -[*KINDS].index(kind)
     axes.plot(lost, np.full(len(lost), height), "x", color=colour, ms=6)

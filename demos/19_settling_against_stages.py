@@ -28,15 +28,14 @@ from ann_dc.study import Exponent, exponent_of
 from ann_dc.study.shipped import SIZES, median_rho, settling_against_horizon
 
 KINDS = {
-    "cyclic-reduction": ("feed-forward tree", style.GREEN, "v"),
+    "cyclic-reduction": ("cyclic reduction", style.GREEN, "v"),
     "multilevel": ("multilevel", style.BLUE, "o"),
-    "diagonal": ("time constants alone", style.VERMILION, "s"),
-    "kept": ("time constants alone, rho as for N = 9", style.PURPLE, "D"),
+    "diagonal": ("diagonal", style.VERMILION, "s"),
+    "kept": ("diagonal, rho of N = 9", style.PURPLE, "D"),
 }
-"""Kinds of preconditioner, and one whose penalty is not designed for N: words, colour and marker.
-"""
+"""Label, colour and marker by preconditioner; "kept": the penalty is not designed for N."""
 PLANTS = {"car": "-", "double_integrator": "--"}
-"""Plants, and how their lines are drawn."""
+"""Line styles of the plants."""
 STAGES = {
     ("car", "cyclic-reduction"): SIZES,
     ("car", "multilevel"): SIZES,
@@ -46,21 +45,26 @@ STAGES = {
     ("double_integrator", "diagonal"): (9, 18, 36, 72, 144),
     ("double_integrator", "kept"): (9, 12, 18, 24, 36),
 }
-"""Numbers of stages."""
+"""Numbers of stages N by plant and preconditioner."""
 LARGE = 36
-"""Stages from which the cells, and not what is around them, take the computing time."""
+"""Number of stages from which the cells dominate the computing time."""
 
 
 class Series(NamedTuple):
-    """One plant with one kind of preconditioner, over N; nan where it did not settle.
+    """Results of one plant and preconditioner over N; nan if not settled.
 
     Attributes
     ----------
     sizes : (S,) array
-    settling, computing : (S,) array
-        Fastest time constants, and seconds of computing for each.
-    grows, costs : Exponent
-        Their powers of N; of computing, from `LARGE` on.
+        Numbers of stages N.
+    settling : (S,) array
+        Settling time to 1e-6 (tau_min).
+    computing : (S,) array
+        Computing time per tau_min (s).
+    grows : Exponent
+        Power of N of the settling time.
+    costs : Exponent
+        Power of N of the computing time, from `LARGE` on.
     """
 
     sizes: np.ndarray
@@ -71,7 +75,7 @@ class Series(NamedTuple):
 
 
 def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
-    """Run the studies of one plant with one kind of preconditioner."""
+    """Run the studies of one plant with one preconditioner."""
     studies = settling_against_horizon(
         plant,
         sizes=sizes,
@@ -88,12 +92,12 @@ def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
     found = Series(np.array(sizes), settling, computing, exponent_of(sizes, settling), costs)
     reported = ", ".join(f"{N}: {time:.0f}" for N, time in zip(sizes, settling))
     print(f"{plant}, {KINDS[kind][0]}: {reported}", flush=True)
-    print(f"  settling ~ N^{found.grows}, computing of a fastest time constant ~ N^{costs}")
+    print(f"  settling time ~ N^{found.grows}, computing time per tau_min ~ N^{costs}")
     return found
 
 
 def rho_of_nine(plant: str) -> float:
-    """Penalty that the design of nine stages chooses, with time constants alone."""
+    """Return the penalty designed for nine stages with the diagonal preconditioner."""
     problem = ann_dc.plants.get(plant)()
     nine = dataclasses.replace(problem.with_horizon(9), dt=problem.horizon * problem.dt / 9)
     return median_rho(
@@ -105,7 +109,7 @@ def main(
     out: Path | None = None,
     stages: Mapping[tuple[str, str], Sequence[int]] = STAGES,
 ) -> dict:
-    """Run every plant with every preconditioner; return the series and the path of the picture."""
+    """Run every plant with every preconditioner; return the series and the figure path."""
     found = {(p, kind): series(p, kind, sizes) for (p, kind), sizes in stages.items()}
     figures = []
     if out is not None:
@@ -114,38 +118,38 @@ def main(
 
 
 def picture(found: dict[tuple[str, str], Series]):
-    """Settling over N, and the computing behind a fastest time constant over N."""
+    """Draw settling time, and computing time per tau_min, over N."""
     figure = plotting.new_figure(10.4, 4.8)
     left, right = figure.subplots(1, 2)
     for (plant, kind), one in found.items():
-        words, colour, mark = KINDS[kind]
+        label, colour, mark = KINDS[kind]
         look = {"color": colour, "marker": mark, "ls": PLANTS.get(plant, "-"), "ms": 5, "lw": 1.3,
                  "mec": "white"}  # fmt: skip
-        name = f"{plant.replace('_', ' ')}, {words}"
+        name = f"{plant.replace('_', ' ')}, {label}"
         left.plot(one.sizes, one.settling, label=f"{name}{power(one.grows)}", **look)
         lost = one.sizes[~np.isfinite(one.settling)]
         left.plot(lost, np.full(len(lost), 2e4), "x", color=colour, ms=7)
         right.plot(one.sizes, 1e3 * one.computing, label=f"{name}{power(one.costs)}", **look)
-    left.plot([], [], "x", color=style.INK, label="did not settle in 20 000")
+    left.plot([], [], "x", color=style.INK, label="not settled in 20 000")
     one = np.array([150.0, 1000.0])
     right.plot(one, 1e-5 * one, color=style.INK, lw=1, ls=":", label="proportional to N")
-    left.set(ylabel="settling to 1e-6 (fastest time constants)", ylim=(20, 3e4))
-    left.set_title("how long it settles, in units that hardware sets", fontsize=9)
-    right.set(ylabel="computing (ms a fastest time constant)")
-    right.set_title("what a processor pays to integrate it, one core", fontsize=9)
+    left.set(ylabel="settling time to 1e-6 (tau_min)", ylim=(20, 3e4))
+    left.set_title("settling time of the network", fontsize=9)
+    right.set(ylabel="computing time (ms per tau_min)")
+    right.set_title("computing time of the integration, one core", fontsize=9)
     for axes in (left, right):
-        axes.set(xscale="log", yscale="log", xlabel="stages N (1), over the same time of the plant")
+        axes.set(xscale="log", yscale="log", xlabel="number of stages N (same final time)")
         axes.legend(frameon=False, fontsize=7.5, loc="upper left", bbox_to_anchor=(0, -0.16))
         plotting.quiet(axes)
         ticks = SIZES
         axes.set_xticks(ticks, [str(N) for N in ticks])
         axes.minorticks_off()
-    plotting.headline(figure, "The same horizon in more and finer stages, gains designed for each")
+    plotting.headline(figure, "Fixed final time divided into N stages; gains designed for each N")
     return figure
 
 
 def power(exponent: Exponent) -> str:
-    """The power of N in a legend; empty where the points do not tell one."""
+    """Return the power of N for a legend; empty if its interval is 1 wide or more."""
     return f": N^{exponent}" if exponent.high - exponent.low < 1 else ""
 
 

@@ -35,30 +35,32 @@ CARS = {
     "input.q_d.x": (4.0, 6.0),
     "input.q_d.y": (4.0, 6.0),
 }
-"""Starts within half a metre, headings within 0.2 rad, targets between 4 and 6 m."""
+"""Ranges of initial and terminal positions (m) and of the initial steering angle (rad)."""
 KINDS = {"multilevel": "multilevel", "resistive-grid": "resistive grid"}
+"""Labels of the preconditioners."""
 ORDERS = {
-    "simultaneous": ("all at once", style.BLUE),
-    "two-phase": ("duals after primals", style.ORANGE),
-    "stage-by-stage": ("stage by stage", style.GREEN),
+    "simultaneous": ("simultaneous", style.BLUE),
+    "two-phase": ("two-phase", style.ORANGE),
+    "stage-by-stage": ("stage-by-stage", style.GREEN),
 }
+"""Labels and colours of the update orders: Jacobi, primal-then-dual, Gauss-Seidel over stages."""
 
 
-class Kept(NamedTuple):
-    """How the samples of one order settled.
+class OrderResult(NamedTuple):
+    """Steps and settled fraction of the samples of one update order.
 
     Attributes
     ----------
     shares : (S,) array
-        Fixed steps over the limit of the designed network.
+        Fixed steps, relative to the limit of the designed network.
     steps : (S, 3) array
-        Tenth percentile, median and ninetieth of the steps of those that settled.
+        Percentiles 10, 50 and 90 of the number of steps of the settled samples.
     settled : (S,) array
-        Share that settled.
+        Fraction of the samples that settled.
     adaptive : float
-        Median steps with the adaptive rule.
+        Median number of steps with the adaptive step rule.
     adaptive_settled : float
-        Share that settled with it.
+        Fraction of the samples that settled with the adaptive step rule.
     """
 
     shares: np.ndarray
@@ -68,51 +70,51 @@ class Kept(NamedTuple):
     adaptive_settled: float
 
 
-def settled_share(table: Table) -> float:
-    """Share of the rows that settled."""
+def settled_fraction(table: Table) -> float:
+    """Return the fraction of the samples that settled."""
     return float(np.mean(table["outcome"] == "settled"))
 
 
 def percentiles(table: Table) -> np.ndarray:
-    """Of the steps of those that settled; nan where fewer than half did."""
-    if settled_share(table) < 0.5:
+    """Return percentiles of the steps of settled samples; nan if fewer than half settled."""
+    if settled_fraction(table) < 0.5:
         return np.full(3, np.nan)
     return np.nanpercentile(table["settling_steps"], [10, 50, 90])
 
 
-def kept(limit: float, adaptive: Table, fixed: Table) -> Kept:
-    """How one order did, from the rows of both studies."""
+def order_result(limit: float, adaptive: Table, fixed: Table) -> OrderResult:
+    """Compute the result of one update order from the cases of both studies."""
     tables = fixed.by("run.step")
-    return Kept(
+    return OrderResult(
         shares=np.array([*tables]) / limit,
         steps=np.array([percentiles(table) for table in tables.values()]),
-        settled=np.array([settled_share(table) for table in tables.values()]),
+        settled=np.array([settled_fraction(table) for table in tables.values()]),
         adaptive=float(np.nanmedian(adaptive["settling_steps"])),
-        adaptive_settled=settled_share(adaptive),
+        adaptive_settled=settled_fraction(adaptive),
     )
 
 
 def main(
     out: Path | None = None,
     subject: str = "car",
-    over: Mapping[str, tuple[float, float]] = CARS,
+    ranges: Mapping[str, tuple[float, float]] = CARS,
     kinds: Sequence[str] = tuple(KINDS),
     samples: int = 100,
     shares: Sequence[float] = SHARES,
 ) -> dict:
-    """Run every order with every step; return how samples settled, and the picture's path."""
-    found: dict[str, dict[str, Kept]] = {}
+    """Run every order with every step; return results, limits and the figure path."""
+    found: dict[str, dict[str, OrderResult]] = {}
     limits: dict[str, np.ndarray] = {}
     for kind in kinds:
         studies = settling_against_steps(
-            subject, vary=over, kind=kind, samples=samples, shares=shares
+            subject, vary=ranges, kind=kind, samples=samples, shares=shares
         )
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # steps above the limit are the point here
+            warnings.simplefilter("ignore")  # steps above the limit are intended
             adaptive, fixed = (s.run(workers=0) for s in (studies.adaptive, studies.fixed))
         of_order = adaptive.by("run.order")
         found[kind] = {
-            order: kept(studies.limit, of_order[order], table)
+            order: order_result(studies.limit, of_order[order], table)
             for order, table in fixed.by("run.order").items()
         }
         own = of_order["simultaneous"]["largest_step"] / studies.limit
@@ -125,48 +127,48 @@ def main(
     return {"found": found, "limits": limits, "figures": figures}
 
 
-def as_text(kind: str, limit: float, found: dict[str, Kept], own: np.ndarray) -> str:
-    """Best fixed step and adaptive rule of every order."""
+def as_text(kind: str, limit: float, found: dict[str, OrderResult], own: np.ndarray) -> str:
+    """Return the best fixed step and the adaptive step rule of every order as text."""
     low, high = own.min(), own.max()
     lines = [
-        f"{KINDS[kind]}: limit {limit:.3f} unit time constants where the design rests, "
-        f"{low:.2f} to {high:.2f} of that where samples rest"
+        f"{KINDS[kind]}: limit {limit:.3f} unit time constants at the designed equilibrium, "
+        f"{low:.2f} to {high:.2f} times as large at those of the samples"
     ]
     for order, one in found.items():
         whole = np.where(one.settled == 1, one.steps[:, 1], np.inf)
         best = int(np.argmin(whole))
         lines.append(
             f"  {ORDERS[order][0]:20} adaptive {one.adaptive:5.0f} steps, "
-            f"{100 * one.adaptive_settled:.0f} % settle; best fixed step at which all do: "
+            f"{100 * one.adaptive_settled:.0f} % settled; best fixed step at which all settle: "
             f"{one.shares[best]:.2f} of the limit, {whole[best]:.0f} steps"
         )
     return "\n".join(lines)
 
 
 def picture(subject: str, found: dict, limits: dict, samples: int):
-    """Above, steps against their length; below, the share that settles at all."""
+    """Draw the number of steps and the settled fraction over the length of the fixed step."""
     figure = plotting.new_figure(10.4, 6.0)
     panels = figure.subplots(2, len(found), sharex=True, sharey="row", height_ratios=(3, 2))
     panels = np.reshape(panels, (2, -1))
     for (above, below), (kind, of) in zip(panels.T, found.items()):
         for order, one in of.items():
-            words, colour = ORDERS[order]
-            above.plot(one.shares, one.steps[:, 1], "o-", color=colour, ms=4, label=words)
+            label, colour = ORDERS[order]
+            above.plot(one.shares, one.steps[:, 1], "o-", color=colour, ms=4, label=label)
             above.fill_between(one.shares, *one.steps[:, [0, 2]].T, color=colour, alpha=0.15, lw=0)
-            above.axhline(one.adaptive, color=colour, ls="--", lw=1, label=f"{words}, adaptive")
+            above.axhline(one.adaptive, color=colour, ls="--", lw=1, label=f"{label}, adaptive")
             below.plot(one.shares, 100 * one.settled, "o-", color=colour, ms=4)
         ends = np.sort(limits[kind])
         stable = 100 * (1 - np.arange(len(ends) + 1) / len(ends))
         below.step([0, *ends], stable, where="post", color=style.INK, lw=1, ls=":",
-                   label="stable by its own spectrum, all at once")  # fmt: skip
+                   label="stable by sample spectrum, simultaneous")  # fmt: skip
         for axes in (above, below):
-            axes.axvline(1, color=style.INK, lw=1, ls="--", label="limit 2a/(a²+b²), spectrum")
+            axes.axvline(1, color=style.INK, lw=1, ls="--", label="limit 2a/(a²+b²)")
             plotting.quiet(axes)
         above.set(yscale="log", title=KINDS[kind])
         above.title.set_fontsize(9)
-        below.set(xlabel="fixed step over the limit of the designed network (1)")
-    panels[0, 0].set_ylabel("steps to 1e-6 (1): median,\ntenth to ninetieth percentile")
-    panels[1, 0].set_ylabel(f"settle, of {samples} (%)")
+        below.set(xlabel="fixed step (relative to the limit of the designed network)")
+    panels[0, 0].set_ylabel("steps to 1e-6: median,\npercentiles 10 to 90")
+    panels[1, 0].set_ylabel(f"settled (% of {samples})")
     handles = {}
     for axes in panels[:, 0]:
         for handle, label in zip(*axes.get_legend_handles_labels()):
@@ -174,7 +176,8 @@ def picture(subject: str, found: dict, limits: dict, samples: int):
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4,
                   frameon=False, fontsize=8)  # fmt: skip
     plotting.headline(
-        figure, f"{subject}: recurrent steps, the same {samples} starts and targets everywhere"
+        figure,
+        f"{subject}: recurrent steps, {samples} samples of initial state and target in every case",
     )
     return figure
 

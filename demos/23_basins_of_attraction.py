@@ -32,10 +32,10 @@ ALIKE = 1e-3
 class End(enum.Enum):
     """Classification of the end of a run; the value is its description."""
 
-    BEST = "best optimum met"
+    BEST = "best optimum"
     OTHER = "another optimum"
-    NO_OPTIMUM = "settled at no optimum"
-    NOWHERE = "did not settle"
+    NO_OPTIMUM = "settled, not an optimum"
+    NOWHERE = "not settled"
 
 
 COLOURS = {
@@ -44,6 +44,7 @@ COLOURS = {
     End.NO_OPTIMUM: style.PURPLE,
     End.NOWHERE: "#D9D9D9",
 }
+"""Colours of the results."""
 PLANTS = ("car", "unicycle", "pendulum")
 MAPS = {
     "car": (
@@ -55,15 +56,17 @@ MAPS = {
     "pendulum": (
         {"q_0.theta": (1.0, 5.0), "q_0.omega": (-3.0, 3.0)},
         0.3,
-        ("angle at the start (rad, upright at 0)", "speed at the start (rad/s)"),
+        ("initial angle (rad, 0: upright)", "initial speed (rad/s)"),
         (np.pi, 0.0),
     ),
 }
-"""Ranges of two inputs, spread of the starts, labels, and what the network was designed for."""
+"""Ranges of two inputs, spread of the initial guesses, axis labels, designed inputs."""
 SIDE = 9
+"""Number of values of each input of a map."""
 STARTS = 60
+"""Number of initial guesses per spread."""
 OF_A_MAP = 8
-"""Starts at every place of a map."""
+"""Number of initial guesses per point of a map."""
 
 
 def main(
@@ -74,12 +77,12 @@ def main(
     of_a_map: int = OF_A_MAP,
     workers: int | None = None,
 ) -> dict:
-    """Random starts of some plants, and two maps; return tables, ends and the picture's path."""
+    """Run random initial guesses of the plants, and two maps; return tables and figure path."""
     study = replace(ann_dc.load_study(STUDY), samples=starts)
     bars = {name: replace(study, subject=name).run(workers=workers) for name in plants}
     for name, table in bars.items():
         for spread, share in shares(table).items():
-            print(f"{name:10} spread {spread:<5g} " + said(share))
+            print(f"{name:10} spread {spread:<5g} " + summary(share))
     maps = {}
     for name, (ranges, spread, *_) in MAPS.items():
         places = {f"input.{n}": np.linspace(*ends, side).tolist() for n, ends in ranges.items()}
@@ -88,7 +91,8 @@ def main(
         maps[name] = map_of_ends.run(workers=workers)
         found = ends_of(maps[name])
         print(
-            f"{name:10} the map       " + said({end: found.count(end) / len(found) for end in End})
+            f"{name:10} map           "
+            + summary({end: found.count(end) / len(found) for end in End})
         )
     figures = []
     if out is not None:
@@ -120,7 +124,7 @@ def end_of(settled: bool, optimal: bool, cost: float, best: float) -> End:
 
 
 def shares(table: Table) -> dict[float, dict[End, float]]:
-    """Which share of the starts ends where, by their spread."""
+    """Return the fraction of the runs with each result, by spread of the initial guesses."""
     found: dict[float, list[End]] = {}
     for spread, end in zip(table["start.spread"], ends_of(table)):
         found.setdefault(float(spread), []).append(end)
@@ -129,34 +133,34 @@ def shares(table: Table) -> dict[float, dict[End, float]]:
     }
 
 
-def said(share: dict[End, float]) -> str:
-    """Shares in words, without those of nothing."""
+def summary(share: dict[End, float]) -> str:
+    """Return the nonzero fractions as text."""
     return ", ".join(f"{value:.0%} {end.value}" for end, value in share.items() if value)
 
 
 def picture(bars: dict[str, Table], maps: dict[str, Table]):
-    """Bars of shares over the spread of starts, and below maps of the best optimum's share."""
+    """Draw bars over the spread of initial guesses, and maps of the best optimum below."""
     figure = plotting.new_figure(10.4, 6.6)
     upper, lower = figure.subfigures(2, 1, height_ratios=(2, 3))
     for axes, (name, table) in zip(upper.subplots(1, len(bars), sharey=True), bars.items()):
-        stacked(axes, table)
+        draw_bars(axes, table)
         axes.set_title(plotting.caption(ann_dc.plants.get(name)()), fontsize=9)
     first, *_ = upper.axes
     first.set_ylabel("runs (%)")
     handles, labels = first.get_legend_handles_labels()
     upper.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     for axes, (name, table) in zip(lower.subplots(1, len(maps)), maps.items()):
-        mapped(lower, axes, name, table)
+        draw_map(lower, axes, name, table)
     plotting.headline(
         figure,
-        "Where frozen networks come to rest: random starts around the straight line, "
-        "and maps of targets and starts",
+        "Results with fixed gains: random initial guesses around the straight line, "
+        "and maps of targets and initial states",
     )
     return figure
 
 
-def stacked(axes, table: Table) -> None:
-    """Shares of every end on each other."""
+def draw_bars(axes, table: Table) -> None:
+    """Draw stacked fractions of the results over the spread."""
     found = shares(table)
     low = np.zeros(len(found))
     for end, colour in COLOURS.items():
@@ -164,23 +168,23 @@ def stacked(axes, table: Table) -> None:
         axes.bar(range(len(found)), each, bottom=low, color=colour, width=0.8, label=end.value)
         low += each
     axes.set_xticks(range(len(found)), [f"{spread:g}" for spread in found])
-    axes.set_xlabel("spread of the starts (network units)")
+    axes.set_xlabel("spread of initial guesses (network units)")
     plotting.quiet(axes)
 
 
-def mapped(figure, axes, name: str, table: Table) -> None:
-    """Which share of the starts finds the best optimum, place by place."""
+def draw_map(figure, axes, name: str, table: Table) -> None:
+    """Draw a map of the fraction of runs at the best optimum."""
     (across, up), spread, labels, designed = MAPS[name]
     x, y = (np.unique(table[f"input.{n}"]) for n in (across, up))
     found = np.array([end is End.BEST for end in ends_of(table)])
     share = 100 * found.reshape(len(x), len(y), -1).mean(axis=2)
     tiles = axes.pcolormesh(x, y, share.T, cmap="viridis", vmin=0, vmax=100)
-    axes.plot(*designed, "o", color=style.VERMILION, ms=6, label="designed for")
+    axes.plot(*designed, "o", color=style.VERMILION, ms=6, label="designed inputs")
     axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.set_title(f"{name}, spread of the starts {spread:g}", fontsize=9)
+    axes.set_title(f"{name}, spread of initial guesses {spread:g}", fontsize=9)
     axes.tick_params(labelsize=8)
     axes.legend(frameon=True, fontsize=8, loc="lower right")
-    figure.colorbar(tiles, ax=axes, label="best optimum met (% of the starts)")
+    figure.colorbar(tiles, ax=axes, label="best optimum (% of the runs)")
 
 
 if __name__ == "__main__":

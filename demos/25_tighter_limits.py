@@ -26,19 +26,20 @@ from ann_dc.study import Table
 from ann_dc.study.shipped import tightened
 
 LIMITS = (0.60, 0.55, 0.50, 0.45, 0.40, 0.35, 0.30)
-"""Of the steering angle, in rad; none of the plans needs more than the first."""
+"""Limits of the steering angle (rad); no plan exceeds the first limit."""
 TARGETS = {"q_d.x": (4.0, 6.0), "q_d.y": (4.0, 6.0)}
-"""Ranges in metres."""
+"""Ranges of the terminal position (m)."""
 CARS = 16
+"""Number of samples per limit."""
 GAINS = {
-    "the loosest limit": (LIMITS[0], style.BLUE, "o"),
+    "0.6 rad": (LIMITS[0], style.BLUE, "o"),
     "0.4 rad": (0.4, style.VERMILION, "s"),
 }
-"""Limits that gains are designed for, in rad."""
+"""Limits for which gains are designed (rad), with colour and marker."""
 
 
 def car(limit: float) -> ann_dc.OptimalControlProblem:
-    """The paper's car with a finer horizon, whose steering angle has a limit."""
+    """Return the paper's car with a finer horizon and a limit of the steering angle."""
     psi, problem = sp.symbols("psi"), ann_dc.plants.car(N=24)
     angle = problem.states[3]
     sides = {"left": angle <= psi, "right": angle >= -psi}
@@ -51,14 +52,14 @@ def main(
     limits: tuple[float, ...] = LIMITS,
     workers: int | None = None,
 ) -> dict:
-    """Tighten the limit for gains of two designs; return the tables and the picture's path."""
+    """Tighten the limit for gains of two designs; return the tables and the figure path."""
     tables = {}
     for name, (limit, *_) in GAINS.items():
         study = tightened(car(limit), {"psi": limits}, ranges=TARGETS, samples=cars)
         tables[name] = study.run(workers=workers)
         print(f"gains designed for {name}: {tables[name].outcomes}")
         for psi, part in tables[name].by("input.psi").items():
-            print(f"  {psi:.2f} rad: {said(part)}")
+            print(f"  {psi:.2f} rad: {summary(part)}")
     figures = []
     if out is not None:
         figures.append(plotting.save(picture(tables), Path(out) / "25_tighter_limits.png"))
@@ -66,21 +67,22 @@ def main(
 
 
 def settled(table: Table) -> np.ndarray:
-    """Which of the runs settled."""
+    """Return True for every run that settled."""
     return table["outcome"] == "settled"
 
 
-def said(part: Table) -> str:
-    """Medians of those that settled."""
+def summary(part: Table) -> str:
+    """Return medians over the settled runs as text."""
     kept = settled(part)
     if not kept.any():
         return "none settled"
     time, active = (np.median(part[name][kept]) for name in ("settling_time", "active_rows"))
-    return f"{kept.sum()} of {len(part)} settled, median {time:.0f}, {active:g} rows active"
+    medians = f"medians: settling time {time:.0f}, {active:g} active constraints"
+    return f"{kept.sum()} of {len(part)} settled, {medians}"
 
 
 def picture(tables: dict[str, Table]):
-    """Settling over active rows and over the slowest mode, and how many settle at every limit."""
+    """Draw settling time over active constraints and decay rate, and the settled fraction."""
     figure = plotting.new_figure(10.8, 4.0)
     rows, modes, shares = figure.subplots(1, 3)
     for shift, (name, table) in zip((0.01, -0.01), tables.items()):
@@ -96,10 +98,10 @@ def picture(tables: dict[str, Table]):
     slow = np.concatenate([t["predicted_decay_rate"][settled(t)] for t in tables.values()])
     ends = np.array([slow[slow > 0].min(), slow.max()])
     modes.plot(ends, np.log(1e6) / ends, color=style.GREY, ls="--", label="ln(1e6) / rate")
-    rows.set(yscale="log", xlabel="constraints that are active at the end", xticks=range(0, 21, 5))
+    rows.set(yscale="log", xlabel="active constraints at the end", xticks=range(0, 21, 5))
     rows.set_ylabel("settling time (unit time constants)")
-    modes.set(xscale="log", yscale="log", xlabel="slowest mode (1 / unit time constant)")
-    shares.set(xlabel="limit of the steering angle (rad)", ylabel="settled (% of the cars)")
+    modes.set(xscale="log", yscale="log", xlabel="slowest decay rate (per unit time constant)")
+    shares.set(xlabel="limit of the steering angle (rad)", ylabel="settled (% of the samples)")
     shares.invert_xaxis()
     for axes in (rows, modes, shares):
         plotting.quiet(axes)
@@ -107,8 +109,8 @@ def picture(tables: dict[str, Table]):
         axes.legend(frameon=False, fontsize=8)
     plotting.headline(
         figure,
-        f"{plotting.caption(car(LIMITS[0]))}, whose steering angle has a limit\n"
-        f"Two frozen networks; {len(tables['0.4 rad'])} runs each, targets at random",
+        f"{plotting.caption(car(LIMITS[0]))}, limited steering angle\n"
+        f"Two networks with fixed gains; {len(tables['0.4 rad'])} runs each, random targets",
     )
     return figure
 

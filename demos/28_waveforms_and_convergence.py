@@ -7,7 +7,7 @@ Answer:   Van der Pol's oscillator has its period and amplitude in ngspice to 0.
           Lyapunov times; after that no two runs of a chaotic network agree. All integration methods
           see the car's network settle at the same time, in 36 to 280 steps; two levels need 6 outer
           iterations.
-Figure:   out/demos/28_waveforms_and_convergence.png, and its panels of convergence as PDF
+Figure:   out/demos/28_waveforms_and_convergence.png; 28_convergence_*.png and .pdf
 """
 
 from collections.abc import Mapping
@@ -25,11 +25,13 @@ from ann_dc.plotting import style
 from ann_dc.two_level import NewtonCoordinator
 
 DURATIONS = {"van der Pol": 40.0, "Chua": 60.0}
+"""Network time of the oscillators in unit time constants."""
 MARGINS = (1e3, 1e4, 1e5)
+"""Bandwidth margins, relative to the fastest rate of the network."""
 
 
 def oscillator(title: str, neurons: str, blocks, weights, start) -> Network:
-    """A network of one cell with these neurons, products and weights (target, source)."""
+    """Build a network of one cell from neurons, products and weights (target, source)."""
     wires = (Connection(source=s, target=t, weight=w) for (t, s), w in weights.items())
     cell = Cell(
         neurons=tuple(Neuron(name=name) for name in neurons),
@@ -40,13 +42,13 @@ def oscillator(title: str, neurons: str, blocks, weights, start) -> Network:
 
 
 def van_der_pol(mu: float = 1.5) -> Network:
-    """x' = y, y' = mu (1 - x^2) y - x."""
+    """Return the oscillator x' = y, y' = mu (1 - x^2) y - x."""
     weights = {("x", "y"): 1, ("y", "x"): -1, ("y", "y"): mu, ("y", "xxy"): -mu}
     return oscillator("van der Pol", "xy", (("x", "x"), ("xx", "y")), weights, (0.1, 0.0))
 
 
 def chua() -> Network:
-    """x' = 10 (y + x / 6 - x^3 / 16), y' = x - y + z, z' = -16 y: two scrolls."""
+    """Return Chua's circuit x' = 10 (y + x/6 - x^3/16), y' = x - y + z, z' = -16 y."""
     weights = {
         ("x", "y"): 10, ("x", "x"): 10 / 6, ("x", "xxx"): -10 / 16,
         ("y", "x"): 1, ("y", "y"): -1, ("y", "z"): 1, ("z", "y"): -16,
@@ -55,7 +57,7 @@ def chua() -> Network:
 
 
 def waveforms(durations: Mapping[str, float]) -> dict[str, tuple[Any, Any]]:
-    """Run and circuit of both oscillators."""
+    """Run both oscillators as ODE and as circuit."""
     found = {}
     for network in (van_der_pol(), chua()):
         duration = durations[network.title]
@@ -67,7 +69,7 @@ def waveforms(durations: Mapping[str, float]) -> dict[str, tuple[Any, Any]]:
 
 
 def accuracy(margins, duration: float) -> dict[float, float]:
-    """Largest error of the oscillator's waveform in ngspice, relative to its amplitude."""
+    """Return the relative rms error of van der Pol's waveform by bandwidth margin."""
     errors = {}
     for margin in margins:
         backend = ann_dc.SpiceBackend(level=macro(), duration=duration, bandwidth_margin=margin)
@@ -77,7 +79,7 @@ def accuracy(margins, duration: float) -> dict[float, float]:
 
 
 def converging(problem) -> tuple[dict[str, Any], dict[str, Any], ann_dc.Solution]:
-    """Runs of the car that count network time, those that count steps, and the optimum."""
+    """Return runs over network time, runs over steps, and the optimum of the car."""
     solution = ann_dc.solve(problem)
     network = solution.network
     methods = ("compiled", "RK45", "LSODA", "Radau", "BDF")
@@ -88,7 +90,7 @@ def converging(problem) -> tuple[dict[str, Any], dict[str, Any], ann_dc.Solution
     runs["two-phase steps"] = ann_dc.RecurrentBackend(order=ann_dc.TWO_PHASE).run(network)
     built = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     timed = runs | {
-        "neighbours only": ann_dc.OdeBackend(verify=False).run(built),
+        "diagonal": ann_dc.OdeBackend(verify=False).run(built),
         "circuit, ideal": ann_dc.SpiceBackend().run(built),
         "circuit, macro": ann_dc.SpiceBackend(level=macro()).run(built),
     }
@@ -97,12 +99,12 @@ def converging(problem) -> tuple[dict[str, Any], dict[str, Any], ann_dc.Solution
 
 
 def main(out=Path("out/demos"), problem=None, durations=None, margins=MARGINS) -> dict[str, Any]:
-    """Run everything and draw it."""
+    """Run both oscillators and the car, and draw waveforms and convergence."""
     found = waveforms(durations or DURATIONS)
     errors = accuracy(margins, 20.0)
     timed, counted, solution = converging(problem or ann_dc.plants.car())
     for margin, error in errors.items():
-        print(f"bandwidth margin {margin:g}: waveform {error:.1e} off (rms)")
+        print(f"bandwidth margin {margin:g}: relative rms error of the waveform {error:.1e}")
     for name, (_, circuit) in found.items():
         print(f"{name}: {circuit}")
     times = {name: run.settling_time for name, run in timed.items() if hasattr(run, "status")}
@@ -125,7 +127,7 @@ def main(out=Path("out/demos"), problem=None, durations=None, margins=MARGINS) -
 
 
 def _over_time(axes, run, circuit) -> None:
-    """Both waveforms over network time."""
+    """Draw both waveforms over network time."""
     axes.plot(circuit.trajectory.time, circuit.trajectory["x"][:, 0], color=style.ORANGE, lw=3.0,
               label="ngspice, op amps of 10 MHz")  # fmt: skip
     time = np.linspace(0, run.trajectory.time[-1], 2000)
@@ -137,11 +139,11 @@ def _over_time(axes, run, circuit) -> None:
 
 
 def _scrolls(axes, run, circuit) -> None:
-    """The double scroll, in the plane of x and z."""
+    """Draw the double scroll in the plane of x and z."""
     axes.plot(
         circuit.trajectory["x"][:, 0], circuit.trajectory["z"][:, 0], color=style.BLUE, lw=0.6
     )
-    axes.set(title="Chua, in ngspice", xlabel="x", ylabel="z")
+    axes.set(title="Chua, ngspice", xlabel="x", ylabel="z")
     style.quiet(axes)
 
 

@@ -15,7 +15,7 @@ README = DEMOS / "README.md"
 INTRODUCTION = """# Examples
 
 Every example states its question, its answer and its figure, and runs on its own:
-`python demos/01_the_papers_example.py` writes into `out/demos/`. `make demos` runs all of them
+`python demos/01_paper_example.py` writes into `out/demos/`. `make demos` runs all of them
 (minutes; 08 to 10, 22, 24 and 26 to 28 need ngspice). The [guide](./guide/index.md) explains terms
 and methods; `tau_min` is the fastest time constant of a network. This page is written by
 `python tests/gallery.py --write` from the examples themselves.

@@ -7,7 +7,7 @@ from PIL import Image
 ROOT = Path(__file__).parents[1]
 DRAWN = ROOT / "out" / "demos"
 GALLERY = ROOT / "demos" / "pictures"
-SOURCES = {"01_the_papers_example": "01_D1.0/settling", "overview": "01_overview"}
+SOURCES = {"01_paper_example": "01_D1.0/settling", "overview": "01_overview"}
 """Demos that draw several pictures: the one for the gallery."""
 
 

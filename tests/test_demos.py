@@ -39,8 +39,9 @@ def test_every_demo_opens_with_question_answer_figure():
         assert all(word in text for word in ("Question:", "Answer:", "Figure:")), path.name
 
 
+@pytest.mark.slow
 def test_the_papers_example(tmp_path, capsys):
-    result = demo("01_the_papers_example").main(tmp_path)
+    result = demo("01_paper_example").main(tmp_path)
     assert_drawn(result, 11)
     for D, optimum in ((1.0, 398.6315284), (0.5, 368.1892543)):
         row = result["table"][D]
@@ -57,7 +58,7 @@ def test_the_papers_example(tmp_path, capsys):
 @pytest.mark.slow
 def test_what_each_slip_does(tmp_path):
     names = ("corrected", "S1", "S3", "S7", "S12", "S16", "printed")
-    result = demo("02_what_each_slip_does").main(tmp_path, names)
+    result = demo("02_misprints").main(tmp_path, names)
     assert_drawn(result, 1)
     table = result["table"]
     optimum = pytest.approx(398.6315284, rel=1e-6)
@@ -73,7 +74,7 @@ def test_what_each_slip_does(tmp_path):
 
 
 def test_without_control_jacobian_q_rests_on_a_straight_line():
-    result = demo("02_what_each_slip_does").main(names=("S3",))
+    result = demo("02_misprints").main(names=("S3",))
     line = result["straight_line"]
     assert line["unevenness"] < 0.01
     assert line["bend"] < 0.01
@@ -83,7 +84,7 @@ def test_without_control_jacobian_q_rests_on_a_straight_line():
 
 
 def test_your_own_problem(tmp_path):
-    result = demo("03_your_own_problem").main(tmp_path)
+    result = demo("03_own_problem").main(tmp_path)
     assert_drawn(result, 5)
     assert result["solution"]["settled"]
     assert result["solution"]["second_order"]
@@ -131,7 +132,7 @@ def test_two_levels(tmp_path):
 
 
 def test_many_at_once(tmp_path):
-    result = demo("07_many_at_once").main(tmp_path, side=5)
+    result = demo("07_batch").main(tmp_path, side=5)
     assert_drawn(result, 1)
     assert result["run"].settled.all()
     assert result["feedback"].shape == (2, 4)
@@ -139,7 +140,7 @@ def test_many_at_once(tmp_path):
 
 @pytest.mark.slow
 def test_ten_thousand_settling_times(tmp_path):
-    result = demo("14_ten_thousand_settling_times").main(tmp_path, cars=200)
+    result = demo("14_settling_times").main(tmp_path, cars=200)
     assert_drawn(result, 1)
     pyramid, grid = result["times"].values()
     assert all(batch.settled.all() for batch in result["batches"].values())
@@ -178,7 +179,7 @@ def test_navigation(tmp_path):
 def test_the_feedback_gain_predicts_the_next_optimum():
     """A start moved by a centimetre: u_0 of the re-solved problem, and u_0 + K dq_0."""
     problem = ann_dc.plants.car()
-    gain = demo("07_many_at_once").feedback(ann_dc.design(problem).network)
+    gain = demo("07_batch").feedback(ann_dc.design(problem).network)
     before, moved = np.zeros(4), np.array([0.01, -0.005, 0.01, 0.005])
     first = [ann_dc.solve(problem.with_inputs(q_0=tuple(q_0)))["u"][0] for q_0 in (before, moved)]
     np.testing.assert_allclose(first[1] - first[0], gain @ moved, rtol=0.1, atol=2e-3)
@@ -186,7 +187,7 @@ def test_the_feedback_gain_predicts_the_next_optimum():
 
 @pytest.mark.slow
 def test_how_far_from_the_limit(tmp_path):
-    result = demo("11_how_far_from_the_limit").main(tmp_path, names=("car", "unicycle"))
+    result = demo("11_preconditioner_limit").main(tmp_path, names=("car", "unicycle"))
     assert_drawn(result, 2)
     for rows in result["table"].values():
         found = {row.kind: row for row in rows}
@@ -207,7 +208,7 @@ def test_how_far_from_the_limit(tmp_path):
 
 @pytest.mark.slow
 def test_one_network_for_many_inputs(tmp_path):
-    result = demo("12_one_network_for_many_inputs").main(tmp_path, held_out=40, starts=6)
+    result = demo("12_operating_range").main(tmp_path, held_out=40, starts=6)
     assert_drawn(result, 2)
     ours, theirs = result["units"]
     assert ours.solution.certified
@@ -226,7 +227,7 @@ def test_one_network_for_many_inputs(tmp_path):
 
 @pytest.mark.slow
 def test_how_long_and_whether_at_all(tmp_path):
-    result = demo("13_how_long_and_whether_at_all").main(tmp_path, prices=(0.3, 3.0))
+    result = demo("13_free_final_time").main(tmp_path, prices=(0.3, 3.0))
     assert_drawn(result, 1)
     assert result["certified"]
     assert result["times"][3.0] < result["times"][0.3]
@@ -237,7 +238,7 @@ def test_how_long_and_whether_at_all(tmp_path):
 @needs_ngspice
 @pytest.mark.slow
 def test_a_circuit(tmp_path):
-    result = demo("08_a_circuit").main(tmp_path, gains=(1e4, 1e6), margins=(10.0,))
+    result = demo("08_circuit").main(tmp_path, gains=(1e4, 1e6), margins=(10.0,))
     assert_drawn(result, 1)
     assert result["ideal"].control_error < 1e-5
     assert result["ideal"].mean_square_error < 1e-5
@@ -253,7 +254,7 @@ def test_a_circuit(tmp_path):
 @pytest.mark.slow
 def test_the_ladder(tmp_path):
     wanted = ("behavioural", "E96 resistors only", "opa192_ad734", "transistor")
-    result = demo("09_the_ladder").main(tmp_path, wanted=lambda rung: rung.name in wanted)
+    result = demo("09_level_comparison").main(tmp_path, wanted=lambda rung: rung.name in wanted)
     assert_drawn(result, 1)
     rungs = result["rungs"]
     assert set(wanted) < set(rungs)
@@ -269,7 +270,7 @@ def test_the_ladder(tmp_path):
 @pytest.mark.slow
 @needs_ngspice
 def test_what_to_pay_for(tmp_path):
-    result = demo("10_what_to_pay_for").main(tmp_path, samples=3)
+    result = demo("10_error_budget").main(tmp_path, samples=3)
     assert_drawn(result, 1)
     assert sum(result["shares"].values()) == pytest.approx(1.0)
     drawn = result["samples"]
@@ -340,7 +341,7 @@ def test_settling_against_stages(tmp_path):
 )
 def test_the_end_of_a_form(outcome, certified, error, end):
     row = {"outcome": outcome, "certified": certified, "control_error": error}
-    assert demo("20_where_slips_settle").end_of(row).name == end
+    assert demo("20_equilibria_of_misprints").end_of(row).name == end
 
 
 def test_the_study_of_forms_has_every_form():
@@ -363,7 +364,7 @@ def test_controls_of_a_slip_are_compared_with_the_corrected_networks():
 
 @pytest.mark.slow
 def test_where_slips_settle(tmp_path):
-    module = demo("20_where_slips_settle")
+    module = demo("20_equilibria_of_misprints")
     result = module.main(tmp_path, forms=("corrected", "S7", "S12", "S17"), workers=0)
     assert_drawn(result, 1)
     assert [end.name for end in result["ends"].values()] == [
@@ -399,9 +400,7 @@ def test_orders_and_steps(tmp_path):
 @pytest.mark.slow
 def test_from_a_question_to_a_yield_curve(tmp_path):
     figures = {"tolerance.resistor": (1e-3, 3e-2), "circuit.bandwidth_margin": (5.0, 10.0, 13.0)}
-    result = demo("22_from_a_question_to_a_yield_curve").main(
-        tmp_path, boards=3, checked=1, figures=figures, workers=0
-    )
+    result = demo("22_yield").main(tmp_path, boards=3, checked=1, figures=figures, workers=0)
     assert_drawn(result, 1)
     shares = {
         name: [found.share for found in curve.values()] for name, curve in result["curves"].items()
@@ -477,7 +476,7 @@ def test_basins_of_attraction(tmp_path):
 @needs_ngspice
 @pytest.mark.slow
 def test_one_network_in_every_realisation(tmp_path):
-    result = demo("24_one_network_in_every_realisation").main(tmp_path, samples=2, workers=0)
+    result = demo("24_realisations").main(tmp_path, samples=2, workers=0)
     assert_drawn(result, 1)
     tables = result["tables"]
     most = {"ODE": 1e-7, "recurrent": 1e-7, "ideal parts, ngspice": 1e-6, "op amps, ngspice": 4e-5}
@@ -510,7 +509,7 @@ def test_tighter_limits(tmp_path):
 @needs_ngspice
 @pytest.mark.slow
 def test_taking_the_network_away(tmp_path):
-    module = demo("26_taking_the_network_away")
+    module = demo("26_export")
     assert [name for _, names in module.KINDS.values() for name in names] == [*FORMATS]
     result = module.main(
         tmp_path,
@@ -537,7 +536,7 @@ def test_taking_the_network_away(tmp_path):
 @needs_ngspice
 @pytest.mark.slow
 def test_on_a_board(tmp_path):
-    result = demo("27_on_a_board").main(
+    result = demo("27_parasitics").main(
         tmp_path,
         ann_dc.plants.double_integrator(N=3),
         simulated=("no effect", "bias current 1 uA", "feedthrough 0.3 %"),
@@ -560,6 +559,7 @@ def test_on_a_board(tmp_path):
     assert ohms == sorted(ohms, reverse=True)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_waveforms_and_convergence(tmp_path):
     result = demo("28_waveforms_and_convergence").main(

@@ -12,7 +12,7 @@ Answer:   Each switch S1 to S17 runs with the multilevel gains that are designed
           (S5, S13, S15), a relative residual has no scale and need not fall, although the values
           are constant. A resistive grid is built for the corrected equations, and some forms that
           settle with multilevel gains diverge with it.
-Figure:   out/demos/02_without_dB_dq.png: S3 beside the optimum, and its dual over network time.
+Figure:   out/demos/02_without_dB_dq.png: paths and largest multiplier, S3 and corrected.
 """
 
 from __future__ import annotations
@@ -31,37 +31,37 @@ from ann_dc.plotting import style
 from ann_dc.two_level import OracleBackend, OracleGain
 
 LIMIT = 4000.0
-"""Longest run in fastest time constants; the corrected network needs 166."""
+"""Time limit of a run (tau_min); the corrected network needs 166."""
 MOST_STEPS = 5000
-"""A network that runs away gets ever stiffer; after so many steps it has run away."""
+"""Step limit of a run; a diverging network becomes stiffer and reaches it."""
 
 MEANING = {
-    "corrected": "The reference: what holds.",
-    "S1": "q and u climb the Lagrangian instead of descending it; it explodes at once.",
-    "S2": "beta pushes q away from its target; it grows without bound and stiffens the network.",
-    "S3": "No term turns phi and varphi, so q stays on a straight line and mu_y grows for ever.",
-    "S4": "Settles, but on a plant damped ten times too much; the controls miss q_d by metres.",
-    "S5": "No effort is charged: duals fade, and it rests on a possible path, not the cheapest.",
-    "S6": "Controls count ten times: it crawls towards the plan of another plant.",
-    "S7": "Every coupling lets go of 1 %: settles on a cheaper plan that misses q_d by 0.4 m.",
-    "S8": "Asks q to be minus its target; the fixed ends contradict that and it runs away.",
-    "S9": "q is tied to the target two stages ahead; the row cannot hold that and runs away.",
-    "S10": "t is driven by mu with the wrong sign; it runs away.",
-    "S11": "The ends of the row are unwired: it settles, and the ends do not belong together.",
-    "S12": "Scales E and thereby the duals by 1/N: the same path, found eight times more slowly.",
-    "S13": "Nothing ties the end to q_d: the controls fade to zero and the car stays.",
-    "S14": "Not a slip: q_0 as a neuron finds the same optimum.",
-    "S15": "Both levels say the same equation: the plan stays as it started, and u fades to zero.",
-    "S16": "The oracle gain |B/A| shortens settling by an eighth, and needs the solution.",
-    "S17": "(30) to the letter: t and beta drive each other without a look at the map, and grow.",
-    "printed": "(16), (17) to the letter, rho = 0: several of the above at once; it explodes.",
+    "corrected": "Reference: the corrected equations.",
+    "S1": "q and u follow the positive gradient of the Lagrangian; diverges at once.",
+    "S2": "beta drives q away from its target and diverges; the network becomes stiffer.",
+    "S3": "No term changes phi and varphi: q stays on a straight line, mu_y grows without bound.",
+    "S4": "Settles for a plant with ten times the damping; the controls miss q_d by metres.",
+    "S5": "Effort has no cost: multipliers decay; settles at a feasible path, not the optimal one.",
+    "S6": "Controls act ten times as strongly: slow convergence to the optimum of another plant.",
+    "S7": "Every coupling loses 1 %: settles at a plan of lower cost that misses q_d by 0.4 m.",
+    "S8": "Drives q to minus its target, contrary to the boundary conditions; diverges.",
+    "S9": "Ties q to the target two stages ahead, which the chain cannot satisfy; diverges.",
+    "S10": "mu drives t with the wrong sign; diverges.",
+    "S11": "The ends of the array are not connected: settles, but the ends are inconsistent.",
+    "S12": "Scales E and the multipliers by 1/N: settles at the same path eight times more slowly.",
+    "S13": "The terminal condition is missing: controls decay to zero, the car does not move.",
+    "S14": "Not an erratum: with q_0 as a neuron the optimum is the same.",
+    "S15": "Both levels have the same equation: q stays at the initial guess, u decays to zero.",
+    "S16": "The oracle gain |B/A| shortens settling by an eighth, but needs the solution.",
+    "S17": "(30) as printed: t and beta drive each other, independent of the dynamics, and grow.",
+    "printed": "(16), (17) as printed, rho = 0: several of the above at once; diverges.",
 }
-"""What happens, in a sentence; the numbers beside it are measured by every run."""
+"""Behaviour of every form; the figures of the table are measured in every run."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One form of the equations, run."""
+    """Run and certificate of one form of the equations."""
 
     name: str
     run: Run
@@ -76,7 +76,7 @@ class Row:
         return trajectory.network.label(farthest), float(trajectory.final[farthest])
 
     def as_dict(self) -> dict:
-        """The row of the table."""
+        """Return the row of the table."""
         return {
             "switch": self.name,
             "outcome": self.run.status.outcome.name.lower(),
@@ -92,7 +92,7 @@ class Row:
 
 
 def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> dict:
-    """Run the chosen forms; return the table, the figures of S3, and the paths of the pictures."""
+    """Run the chosen forms; return the table, the line of S3 and the figure paths."""
     problem = ann_dc.plants.car()
     print("designing the corrected network ...", flush=True)
     designed = ann_dc.design(
@@ -102,7 +102,7 @@ def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> di
     optimum = reference.run.trajectory.final
     rows = {"corrected": reference}
     for name in (n for n in names if n != "corrected"):
-        network = with_slip(problem, name, designed.gains)
+        network = with_misprint(problem, name, designed.gains)
         gain = OracleGain(settled=optimum, low=1e-3) if name == "S16" else None
         rows[name] = measure(name, problem, network, gain)
     print(as_text(rows))
@@ -115,8 +115,8 @@ def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> di
     return {"table": table, "straight_line": line, "figures": pictures}
 
 
-def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> ann_dc.Network:
-    """The network with one slip and the gains of the corrected one; as printed, with no penalty."""
+def with_misprint(problem: ann_dc.OptimalControlProblem, name: str, gains) -> ann_dc.Network:
+    """Return the network with a misprint and the given gains (rho = 0 for "printed")."""
     form = ann_dc.PRINTED if name == "printed" else ann_dc.switch(name)
     network = ann_dc.synthesize(ann_dc.decompose(problem, form))
     return ann_dc.apply_gains(network, ann_dc.manual_gains(network) if name == "printed" else gains)
@@ -128,7 +128,7 @@ def measure(
     network: ann_dc.Network,
     gain: OracleGain | None = None,
 ) -> Row:
-    """Run a network and certify its last state against the true problem."""
+    """Run a network and certify its final state for problem (22)-(24)."""
     print(f"running {name} ...", flush=True)
     ode = ann_dc.OdeBackend(
         method=DOP853.tighter(), limit=LIMIT, most_steps=MOST_STEPS, verify=False
@@ -140,21 +140,22 @@ def measure(
 
 
 def as_text(rows: dict[str, Row]) -> str:
-    """The table, and a sentence on each form."""
-    head = f"{'':10}{'outcome':13}{'largest neuron':>21}{'own res.':>10}{'true KKT':>10}"
-    lines = [head + f"{'objective':>12}{'simulated':>10}{'settling':>10}"]
+    """Return the table, and a sentence for every form."""
+    head = f"{'':10}{'outcome':13}{'largest neuron':>21}{'residual':>10}{'KKT res.':>10}"
+    lines = [head + f"{'objective':>12}{'sim. error':>12}{'settling':>10}"]
     for name, row in rows.items():
         r = row.as_dict()
         lines.append(
             f"{name:10}{r['outcome']:13}{r['neuron']:>11}{r['largest']:10.3g}{r['own_residual']:10.1e}"
-            f"{r['kkt_residual']:10.1e}{r['objective']:12.6g}{r['rollout_error']:10.2g}"
+            f"{r['kkt_residual']:10.1e}{r['objective']:12.6g}{r['rollout_error']:12.2g}"
             f"{r['settling_time']:10.4g}"
         )
-    return "\n".join([*lines, "", *(f"{name:10}{MEANING[name]}" for name in rows)])
+    lines += ["(residual: of the form; KKT res.: of the problem; settling: network time s)", ""]
+    return "\n".join([*lines, *(f"{name:10}{MEANING[name]}" for name in rows)])
 
 
 def straight_line(row: Row) -> dict:
-    """How straight and how even the path of q is, and how fast a dual grows."""
+    """Return spacing and bend of the path of q, and the growth rate of a multiplier."""
     path = np.column_stack([row.values["q"], row.values["t"][:, -1]])[:2]
     steps = np.diff(path, axis=1)
     time, mu_y = row.run.trajectory.time, row.run.trajectory["mu.y"][:, -1]
@@ -170,27 +171,27 @@ def straight_line(row: Row) -> dict:
     }
 
 
-def without_control_jacobian(problem, slip: Row, reference: Row):
-    """S3 beside the optimum: paths in the plane, and the largest dual over network time."""
+def without_control_jacobian(problem, misprint: Row, reference: Row):
+    """Draw S3 and the optimum: paths, and largest multiplier over network time."""
     figure = plotting.new_figure(9.6, 4.4)
     plane, growth = figure.subplots(1, 2)
     ink, blue, red = style.INK, style.BLUE, style.VERMILION
-    sides = ((slip, red, "without dB/dq (S3)"), (reference, blue, "corrected"))
+    sides = ((misprint, red, "without dB/dq (S3)"), (reference, blue, "corrected"))
     for row, colour, name in sides:
         path = np.column_stack([row.values["q"], row.values["t"][:, -1]])[:2]
         plane.plot(*path, "o-", color=colour, ms=4.5, lw=1.6, label=f"q neurons, {name}")
         time = row.run.trajectory.time
         largest = np.abs(row.run.trajectory["mu.y"]).max(axis=1)
-        reported = time >= 1  # before that the curves are one, and would take decades of the axis
+        reported = time >= 1  # the earlier curves coincide and would take decades of the axis
         growth.plot(
             time[reported], largest[reported], color=colour, lw=1.8, label=f"largest |mu.y|, {name}"
         )
     plane.plot(
-        *slip.certificate.rollout[:2],
+        *misprint.certificate.rollout[:2],
         "--",
         color=ink,
         lw=1.4,
-        label="where the controls of S3 lead",
+        label="simulation with the controls of S3",
     )
     plane.plot(*problem.q_d[:2], "*", color=style.GREEN, ms=13, label="target q_d", zorder=5)
     plane.set(xlabel="x (m)", ylabel="y (m)")
@@ -204,7 +205,7 @@ def without_control_jacobian(problem, slip: Row, reference: Row):
         )
     figure.suptitle(
         f"{plotting.caption(problem)}\n"
-        "Without dB/dq the car is planned along a straight line that it cannot drive",
+        "Without dB/dq the planned path is a straight line that the car cannot drive",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure

@@ -7,8 +7,8 @@ Answer:   A reactor in kelvin and seconds, and again in Celsius and minutes, tak
           ranges of target and heading, settles at a certified optimum for all of 300 held-out
           inputs, 99 of 100 within 80 tau_min. Sixteen initial guesses around an obstacle settle at
           both paths past it, three quarters of them at the better one.
-Figure:   out/demos/12_one_network_for_many_inputs.png: the family, its held-out inputs;
-          out/demos/12_two_ways_past.png: the optima in the plane, and how often each is met.
+Figure:   out/demos/12_operating_range.png: settling times of the held-out inputs;
+          out/demos/12_optima.png: optima in the plane, and the fraction of guesses at each.
 """
 
 from __future__ import annotations
@@ -24,18 +24,19 @@ from ann_dc import plotting
 from ann_dc.families import FamilyDesign, Multistart, design_family
 from ann_dc.plotting import style
 
-OVER = {"q_d.x": (1.0, 3.0), "q_d.y": (0.5, 2.0), "q_0.theta": (-0.5, 0.5)}
-"""Metres and radians: where the unicycle is to go, and how it stands before."""
+RANGES = {"q_d.x": (1.0, 3.0), "q_d.y": (0.5, 2.0), "q_0.theta": (-0.5, 0.5)}
+"""Operating range of the unicycle: target (m) and initial heading (rad)."""
 HELD_OUT = 300
 STARTS = 16
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE)
-"""Of the optima, best first."""
+"""Colours of the optima, best first."""
 
 
 def in_kelvin() -> ann_dc.OptimalControlProblem:
-    """A stirred tank with an exothermic Arrhenius reaction, cooled by its jacket: kelvin, seconds.
+    """Return a stirred tank with Arrhenius reaction and cooling jacket, in K and s.
 
-    The rate is 1.2e9/s exp(-E/(R T)) with E/R = 8750 K; the tank is filled anew in 60 s.
+    The reaction is exothermic, with the rate 1.2e9/s exp(-E/(R T)) and E/R = 8750 K. The residence
+    time is 60 s.
     """
     c, T, T_c = sp.symbols("c T T_c")
     rate = 1.2e9 * sp.exp(-8750 / T) * c
@@ -49,7 +50,7 @@ def in_kelvin() -> ann_dc.OptimalControlProblem:
 
 
 def in_celsius() -> ann_dc.OptimalControlProblem:
-    """The same tank in Celsius and minutes, with mol/m^3, by somebody else."""
+    """Return the same tank in Celsius, minutes and mol/m^3."""
     c, T, T_c = sp.symbols("c T T_c")
     rate = 60 * 1.2e9 * sp.exp(-8750 / (T + 273.15)) * c
     return ann_dc.OptimalControlProblem(
@@ -66,24 +67,24 @@ def in_celsius() -> ann_dc.OptimalControlProblem:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """A problem as one user wrote it, and what became of it."""
+    """Problem in one set of units, with its solution."""
 
     problem: ann_dc.OptimalControlProblem
     solution: ann_dc.Solution
 
     @property
     def steps(self) -> int:
-        """Recurrent steps until the design had its settled point."""
+        """Number of recurrent steps to the settled point of the design."""
         return self.solution.design.first.steps
 
     @property
     def ratio(self) -> float:
-        """radius / |abscissa| at the settled point."""
+        """Stiffness ratio radius / |abscissa| at the settled point."""
         return self.solution.spectrum.stiffness_ratio
 
     @property
     def settling(self) -> float:
-        """From the straight line, in fastest time constants."""
+        """Settling time from the straight line (tau_min)."""
         return self.solution.normalised_settling_time
 
     def __str__(self) -> str:
@@ -96,7 +97,7 @@ class Row:
 
 
 def units() -> list[Row]:
-    """The reactor twice, in the units of two users."""
+    """Solve the reactor in two sets of units."""
     rows = []
     for problem in (in_kelvin(), in_celsius()):
         solution = ann_dc.solve(problem, backend=ann_dc.OdeBackend(verify=False))
@@ -105,14 +106,15 @@ def units() -> list[Row]:
 
 
 def main(out: Path | None = None, held_out: int = HELD_OUT, starts: int = STARTS) -> dict:
-    """Units, family and starts; return what was found and the paths of the pictures."""
+    """Run units, operating range and initial guesses; return results and figure paths."""
     rows = units()
     print(f"{'dt':>10} {'steps':>8} {'ratio':>8} {'settling':>10} {'objective':>11}   coolant")
     print(*rows, sep="\n")
-    print(f"\na family of {', '.join(OVER)} ...", flush=True)
-    family = design_family(ann_dc.plants.unicycle(), OVER, held_out=held_out)
+    print("(ratio: stiffness ratio; settling: tau_min; coolant: range of T_c)")
+    print(f"\noperating range of {', '.join(RANGES)} ...", flush=True)
+    family = design_family(ann_dc.plants.unicycle(), RANGES, held_out=held_out)
     print(family)
-    print("\nmany starts ...", flush=True)
+    print("\nmany initial guesses ...", flush=True)
     found = ann_dc.multistart(ann_dc.plants.unicycle_soft_obstacle(N=20), starts)
     print(found)
     figures = [] if out is None else drawn(family, found, Path(out))
@@ -120,24 +122,24 @@ def main(out: Path | None = None, held_out: int = HELD_OUT, starts: int = STARTS
 
 
 def drawn(family: FamilyDesign, found: Multistart, folder: Path) -> list[Path]:
-    """Both pictures."""
+    """Draw and save both figures."""
     return [
-        plotting.save(plotting.family(family), folder / "12_one_network_for_many_inputs.png"),
-        plotting.save(ways(found), folder / "12_two_ways_past.png"),
+        plotting.save(plotting.family(family), folder / "12_operating_range.png"),
+        plotting.save(optima(found), folder / "12_optima.png"),
     ]
 
 
-def ways(found: Multistart):
-    """The paths of the distinct optima in the plane, beside the shares of starts that they take."""
+def optima(found: Multistart):
+    """Draw the distinct optima, and the fraction of initial guesses at each."""
     problem = found.problem
     figure = plotting.new_figure(7.6, 3.2)
-    plane, shares = figure.subplots(1, 2, width_ratios=(3, 1))
+    plane, fractions = figure.subplots(1, 2, width_ratios=(3, 1))
     for number, optimum in enumerate(found.optima):
         colour = COLOURS[number % len(COLOURS)]
         plane.plot(*optimum.q[:2], "o-", color=colour, ms=3, lw=1.2,
                    label=f"E = {optimum.objective:.4g}")  # fmt: skip
-        shares.barh(number, optimum.share, color=colour, height=0.5)
-    bump(plane, problem)
+        fractions.barh(number, optimum.share, color=colour, height=0.5)
+    obstacle_cost(plane, problem)
     plane.plot(*found.optima[0].q[:2, [0, -1]], "s", color=style.INK, ms=5)
     plane.set(
         xlabel=plotting.with_unit("x", problem.unit("x")),
@@ -145,25 +147,25 @@ def ways(found: Multistart):
         aspect="equal",
     )
     plane.legend(frameon=False, fontsize=8)
-    shares.set_yticks(range(len(found)), [f"{o.objective:.4g}" for o in found.optima])
-    shares.set(xlabel="share of the starts (1)", ylabel="objective E (1)", xlim=(0, 1))
-    shares.invert_yaxis()
-    for axes in (plane, shares):
+    fractions.set_yticks(range(len(found)), [f"{o.objective:.4g}" for o in found.optima])
+    fractions.set(xlabel="fraction of guesses", ylabel="objective E", xlim=(0, 1))
+    fractions.invert_yaxis()
+    for axes in (plane, fractions):
         plotting.quiet(axes)
     plotting.headline(
         figure,
         f"{plotting.caption(problem)}\n{len(found)} certified optima from {len(found.starts)} "
-        "starts in one batch",
+        "initial guesses in one batch",
     )
     return figure
 
 
-def bump(plane, problem: ann_dc.OptimalControlProblem) -> None:
-    """What coming near the obstacle costs a stage, as contours."""
+def obstacle_cost(plane, problem: ann_dc.OptimalControlProblem) -> None:
+    """Draw contours of the stage cost near the obstacle, for zero controls."""
     px, py = sp.symbols("x y")
-    at_rest = problem.cost.subs(dict.fromkeys(problem.controls, 0))
+    unforced = problem.cost.subs(dict.fromkeys(problem.controls, 0))
     x, y = np.meshgrid(np.linspace(-0.2, 3.2, 120), np.linspace(-0.5, 1.7, 80))
-    height = sp.lambdify((px, py), at_rest)(x, y)
+    height = sp.lambdify((px, py), unforced)(x, y)
     plane.contourf(x, y, height, levels=np.linspace(0.1, 1.0, 10), cmap="Greys", alpha=0.6)
 
 

@@ -9,7 +9,7 @@ Answer:   Every level settles at the optimum. Boards of real parts have control 
           smallest gates the median is 7 %. Fatrop takes 0.7 ms on a CPU, to eight digits. The
           emulation predicts op-amp circuits to a few tenths of a per cent and transistor circuits
           to a few per cent.
-Figure:   out/demos/09_the_ladder.png
+Figure:   out/demos/09_level_comparison.png: control error and settling time of every model level.
 """
 
 from pathlib import Path
@@ -21,18 +21,18 @@ from ann_dc.optimality import time_solvers
 
 
 def main(out: Path | None = None, wanted=quick) -> dict:
-    """Climb the ladder; return every rung by name, and the path of the picture."""
+    """Compare the model levels; return the results by name and the path of the figure."""
     problem = ann_dc.plants.car()
     network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     done = []
     for found in compare_levels(network, wanted=wanted, timings=time_solvers(problem)):
         done.append(found)
-        print(f"{found.name:34} error {found.error:.1e} (predicted "
-              f"{found.predicted_error:.1e}), {1e6 * found.settling:6.1f} us")  # fmt: skip
+        print(f"{found.name:34} control error {found.error:.1e} (predicted "
+              f"{found.predicted_error:.1e}), settled: {1e6 * found.settling:6.1f} us")  # fmt: skip
     figures = []
     if out is not None:
         figure = plotting.comparison(done, problem)
-        figures.append(plotting.save(figure, Path(out) / "09_the_ladder.png"))
+        figures.append(plotting.save(figure, Path(out) / "09_level_comparison.png"))
     return {"rungs": {m.name: m for m in done}, "figures": figures}
 
 

@@ -10,7 +10,7 @@ Answer:   On a board, static errors: bias currents of 1 uA make the controls 3 %
           off. In silicon, matching: 8 % with the smallest gates, 1 % with gates 36 times as large;
           gain under load and the multiplier law cost 0.25 %. If a circuit is barely stable, rely on
           ngspice: OPA192 with 10 kohm is predicted to settle after 178 us and rings there.
-Figure:   out/demos/27_on_a_board.png
+Figure:   out/demos/27_parasitics.png
 """
 
 from __future__ import annotations
@@ -46,25 +46,28 @@ SIMULATED = (
     "capacitor leakage time constant 0.1 s",
     "open switches 1 Gohm and 5 pF",
 )
-"""Effects that ngspice is asked for too: a second each."""
+"""Effects that ngspice simulates in addition, about 1 s each."""
 PICOFARADS = (0, 4, 8, 10, 11, 12)
-"""At every virtual ground, where loops are looked at."""
+"""Capacitances at every virtual ground (pF) for the loop gains."""
 CURED = (3, 8, 20)
-"""At every virtual ground, where sizes are chosen for it."""
+"""Capacitances at every virtual ground (pF) for which sizes are chosen."""
 GROUND = " pF at every ground"
+"""Suffix of effects with this capacitance."""
 SILICON = ann_dc.levels.TRANSISTOR
+"""Model level of transistors."""
 AREAS = (1.0, 36.0)
-"""Of matched gates over the smallest: their offsets are 3.3 and 0.55 mV."""
+"""Gate areas relative to the smallest; their offsets are 3.3 and 0.55 mV."""
 DRAWN = 10
-"""Circuits with such offsets."""
+"""Number of circuit instances with these offsets."""
 MARGIN, OHMS = 10.0, 10e3
-"""What circuits of the table of effects are made with."""
+"""Bandwidth margin and resistance (ohm) of the circuits with effects."""
 PF, US = 1e12, 1e6
+"""Picofarads per farad and microseconds per second."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chosen:
-    """Sizes that were chosen for parts, and what is predicted of them; in SI units."""
+class Sizing:
+    """Sizes that are chosen for a part set, with predicted errors; in SI units."""
 
     name: str
     ground: float
@@ -74,7 +77,7 @@ class Chosen:
     settling: float
 
     def cells(self) -> tuple[str, ...]:
-        """As a row of a table."""
+        """Return the row of the table."""
         return (
             self.name,
             f"{self.ground * PF:.3g}",
@@ -85,7 +88,10 @@ class Chosen:
         )
 
 
-HEADS = ("preset", "ground\npF", "resistors\nohm", "smallest\npF", "error", "settled\nus")
+HEADS = (
+    "part set", "ground\npF", "resistors\nohm", "smallest\npF", "control\nerror", "settling\nus"
+)  # fmt: skip
+"""Heads of the table of sizes."""
 
 
 def main(
@@ -95,7 +101,7 @@ def main(
     presets: Sequence[str] | None = None,
     picofarads: Sequence[float] = PICOFARADS,
 ) -> dict:
-    """Look at every effect, grounds and presets; return what was found and the picture's path."""
+    """Evaluate effects, capacitances and part sets; return results and the figure path."""
     problem = problem or ann_dc.plants.car()
     network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     rows = effects(network, simulated)
@@ -103,9 +109,12 @@ def main(
     rows += [mismatched(network, area) for area in AREAS]
     print(*rows, sep="\n")
     margins = worst_loops(network, picofarads)
-    print("\nworst loop with resistors of 10 kohm")
+    print("\nloop of smallest phase margin with resistors of 10 kohm")
     print(*(f"{pf:4g} pF: {loop}" for pf, loop in margins.items()), sep="\n")
-    cured = [sizes(network, f"{pf} pF", grounded(ann_dc.levels.macro(), pf)) for pf in CURED]
+    cured = [
+        sizes(network, f"{pf} pF", with_ground_capacitance(ann_dc.levels.macro(), pf))
+        for pf in CURED
+    ]
     names = presets or ann_dc.presets.names()
     shelf = [sizes(network, name, ann_dc.presets.get(name)) for name in names]
     print("\n" + " ".join(f"{head.replace(chr(10), ', '):>18}" for head in HEADS))
@@ -113,15 +122,15 @@ def main(
     figures = []
     if out is not None:
         figure = picture(problem, rows, margins, cured, shelf)
-        figures.append(plotting.save(figure, Path(out) / "27_on_a_board.png"))
+        figures.append(plotting.save(figure, Path(out) / "27_parasitics.png"))
     return {"rows": rows, "margins": margins, "cured": cured, "shelf": shelf, "figures": figures}
 
 
-# ---- what is looked at -----------------------------------------------------------------------
+# ---- effects and sizes -----------------------------------------------------------------------
 
 
 def effects(network: ann_dc.Network, simulated: Iterable[str]) -> list[Found]:
-    """Every effect predicted, and some of them in ngspice."""
+    """Predict every effect, and simulate some of them in ngspice."""
     known = known_effects()
     wanted = [effect for effect in known if effect.words in simulated]
     measured = {row.effect.words: row for row in effects_table(network, wanted)}
@@ -132,24 +141,24 @@ def effects(network: ann_dc.Network, simulated: Iterable[str]) -> list[Found]:
 
 
 def in_silicon() -> tuple[Effect, ...]:
-    """Op amps and multipliers of transistors."""
+    """Return effects of op amps and multipliers at the transistor level."""
     unloaded = replace(SILICON, datasheet=replace(SILICON.datasheet, stage_resistance=0.0))
     levels = {
-        "gain of 22 200": unloaded,
-        "the same under its load": SILICON,
+        "open-loop gain 22 200": unloaded,
+        "open-loop gain under load": SILICON,
     }
     return tuple(Effect(words=w, level=level, made_for=SILICON) for w, level in levels.items())
 
 
 def mismatched(network: ann_dc.Network, area: float) -> Found:
-    """Offsets of transistors that do not match: the median of some circuits."""
+    """Predict the median error by transistor mismatch over some circuit instances."""
     plain = ann_dc.levels.transistor(area=area)
     known = plain.tolerances
     offsets = Tolerances(offset=known.offset, product_offset=known.product_offset)
     level = replace(plain, datasheet=replace(plain.datasheet, tolerances=offsets))
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     errors = predicted_errors(circuit, level, probe, range(DRAWN))
-    words = f"matching of gates {area:g} times as large" if area > 1 else "matching of gates"
+    words = f"mismatch, gates {area:g} times as large" if area > 1 else "mismatch, smallest gates"
     return Found(
         effect=Effect(words=words, level=level, made_for=SILICON),
         predicted_error=float(np.median(errors)),
@@ -157,28 +166,28 @@ def mismatched(network: ann_dc.Network, area: float) -> Found:
     )
 
 
-def grounded(level: Level, picofarads: float) -> Level:
-    """With a capacitance at every virtual ground."""
+def with_ground_capacitance(level: Level, picofarads: float) -> Level:
+    """Return a level with a capacitance at every virtual ground."""
     return with_parasitics(level, stray_capacitance=picofarads / PF)
 
 
 def worst_loops(network: ann_dc.Network, picofarads: Iterable[float]) -> dict[float, LoopGain]:
-    """The loop with the smallest phase margin, over the capacitance at every virtual ground."""
+    """Return the loop of smallest phase margin for every capacitance at virtual grounds."""
     plain = replace(ann_dc.levels.macro(), smallest_resistor=OHMS)
     circuit, probe = ann_dc.SpiceBackend(level=plain, bandwidth_margin=MARGIN).prepare(network)
     found = {}
     for pf in picofarads:
-        level = grounded(plain, pf)
+        level = with_ground_capacitance(plain, pf)
         made = CircuitInstance(circuit=circuit, level=level, probe=probe)
         found[pf] = loop_gains(made.emulation, level, made.settled)[0]
     return found
 
 
-def sizes(network: ann_dc.Network, name: str, level: Level) -> Chosen:
-    """What is chosen for parts."""
+def sizes(network: ann_dc.Network, name: str, level: Level) -> Sizing:
+    """Choose the sizes for a part set and predict its errors."""
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     found = prediction_of(CircuitInstance(circuit=circuit, level=level, probe=probe))
-    return Chosen(
+    return Sizing(
         name=name,
         ground=level.datasheet.parasitics.ground,
         ohms=circuit.inverter,
@@ -188,55 +197,56 @@ def sizes(network: ann_dc.Network, name: str, level: Level) -> Chosen:
     )
 
 
-# ---- the picture -----------------------------------------------------------------------------
+# ---- figure ----------------------------------------------------------------------------------
 
 
 def picture(
     problem: ann_dc.OptimalControlProblem,
     rows: list[Found],
     margins: dict[float, LoopGain],
-    cured: list[Chosen],
-    shelf: list[Chosen],
+    cured: list[Sizing],
+    shelf: list[Sizing],
 ):
-    """Errors of all effects on the left; grounds, loops and presets on the right."""
+    """Draw errors of all effects on the left; capacitances, loops and part sets on the right."""
     figure = plotting.new_figure(12.0, 8.6)
     left, right = figure.subfigures(1, 2, width_ratios=(6, 5))
-    dots(left, rows)
+    draw_effects(left, rows)
     over_grounds, over_margins, below = right.subplots(3, 1, height_ratios=(4, 4, 3))
     settling(over_grounds, rows, cured)
     loops(over_margins, margins)
     table(below, shelf)
     plotting.headline(
         figure,
-        f"{plotting.caption(problem)}, time constants alone: what parts do that a circuit was not\n"
-        "made for, one effect at a time; and which sizes are chosen where it is known",
+        f"{plotting.caption(problem)}, diagonal preconditioner: parasitic effects that the design\n"
+        "omits, one at a time; and the sizes that are chosen if the effect is given",
     )
     return figure
 
 
 def kind_of(row: Found) -> str:
-    """What a row of the table of effects belongs to."""
+    """Return the group of an effect."""
     if row.effect.made_for.name == SILICON.name:
         return "transistors"
     words = row.effect.words
     if "ad73" in words or "ad83" in words:
-        return "presets with 10 kohm"
+        return "part sets with 10 kohm"
     apart = ("multiplier", "feedthrough", "leakage", "switch")
     return "multipliers, capacitors, switches" if any(w in words for w in apart) else "op amps"
 
 
 COLOURS = {
     "op amps": style.BLUE,
-    "presets with 10 kohm": style.PURPLE,
+    "part sets with 10 kohm": style.PURPLE,
     "multipliers, capacitors, switches": style.GREEN,
     "transistors": style.ORANGE,
 }
+"""Colours of the groups of effects."""
 RINGS, RINGING = 0.3, 47.0
-"""Where those that ring stand on the axes of errors and of microseconds."""
+"""Positions of ringing circuits on the axes of control error and time (us)."""
 
 
-def dots(figure, rows: list[Found]) -> None:
-    """A line an effect: how wrong the controls are, or that it rings."""
+def draw_effects(figure, rows: list[Found]) -> None:
+    """Draw a line per effect: control error, or a cross if the circuit rings."""
     axes = figure.subplots()
     kinds = [kind_of(row) for row in rows]
     place = np.arange(len(rows)) + 0.8 * np.array([[*COLOURS].index(kind) for kind in kinds])
@@ -251,24 +261,24 @@ def dots(figure, rows: list[Found]) -> None:
     axes.set_yticks(place, [row.effect.words for row in rows])
     axes.set_ylim(place[-1] + 0.8, -0.8)
     axes.set(xscale="log", xlim=(1e-5, 0.6))
-    axes.set_xlabel("error of the settled controls (share of the largest)")
+    axes.set_xlabel("control error (relative to the largest control)")
     handles = [
         Line2D([], [], color=colour, marker="o", ls="", ms=6, label=kind)
         for kind, colour in COLOURS.items()
     ]
     ring = {"color": style.INK, "marker": "o", "mfc": "none", "ls": "", "ms": 10}
     cross = {"color": style.VERMILION, "marker": "x", "ls": "", "ms": 7, "mew": 2}
-    handles += [Line2D([], [], label="in ngspice", **ring), Line2D([], [], label="rings", **cross)]
+    handles += [Line2D([], [], label="ngspice", **ring), Line2D([], [], label="rings", **cross)]
     plotting.quiet(axes)
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
 
 
 WIDE = (-0.6, 21.5)
-"""Picofarads that are shown."""
+"""Limits of the capacitance axis (pF)."""
 
 
-def settling(axes, rows: list[Found], cured: list[Chosen]) -> None:
-    """Settling over the capacitance at every ground, as it was made and as it is chosen."""
+def settling(axes, rows: list[Found], cured: list[Sizing]) -> None:
+    """Draw settling time over the capacitance, with 10 kohm and with chosen resistors."""
     made = {0.0: rows[0]} | {
         float(row.effect.words.removesuffix(GROUND)): row
         for row in rows
@@ -278,7 +288,7 @@ def settling(axes, rows: list[Found], cured: list[Chosen]) -> None:
     predicted = US * np.array([row.predicted_settling for row in made.values()])
     stable = np.array([bool(row.predicted_stable) for row in made.values()])
     measured = US * np.array([row.measured_settling for row in made.values()])
-    axes.plot(at[stable], predicted[stable], color=style.BLUE, label="10 kohm, emulated")
+    axes.plot(at[stable], predicted[stable], color=style.BLUE, label="10 kohm, emulation")
     axes.plot(at, measured, "o", color=style.INK, mfc="none", ms=9, label="10 kohm, ngspice")
     axes.plot(at[~stable], np.full(sum(~stable), RINGING), "x", color=style.VERMILION, ms=8,
               mew=2, label="10 kohm, rings")  # fmt: skip
@@ -286,16 +296,16 @@ def settling(axes, rows: list[Found], cured: list[Chosen]) -> None:
         axes.plot(one.ground * PF, one.settling * US, "s", color=style.GREEN, ms=6)
         axes.annotate(f"{one.ohms:g} ohm", (one.ground * PF, one.settling * US), (0, 8),
                       textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
-    axes.plot([], [], "s", color=style.GREEN, ms=6, label="resistors as chosen")
-    axes.set(ylim=(0, 52), xlim=WIDE, ylabel="controls within 0.1 % (us)")
-    axes.set_title("settling: smaller resistors keep it from ringing", fontsize=9, loc="left")
+    axes.plot([], [], "s", color=style.GREEN, ms=6, label="chosen resistors")
+    axes.set(ylim=(0, 52), xlim=WIDE, ylabel="settling time to 0.1 % (us)")
+    axes.set_title("settling time: smaller resistors prevent ringing", fontsize=9, loc="left")
     axes.set_xlabel("capacitance at every virtual ground (pF)")
     plotting.quiet(axes)
     axes.legend(frameon=False, fontsize=8, loc="lower left", ncols=2)
 
 
 def loops(axes, margins: dict[float, LoopGain]) -> None:
-    """The smallest phase margin over the capacitance at every ground."""
+    """Draw the smallest phase margin over the capacitance at virtual grounds."""
     angles = [loop.phase_margin for loop in margins.values()]
     axes.plot([*margins], angles, "o-", color=style.BLUE, ms=5)
     for pf, loop in margins.items():
@@ -306,17 +316,17 @@ def loops(axes, margins: dict[float, LoopGain]) -> None:
             )  # fmt: skip
     axes.set(ylim=(0, 60), xlim=WIDE, ylabel="phase margin (degrees)")
     axes.set_title(
-        "worst of all loops with 10 kohm, each broken by itself, and its crossover",
+        "smallest phase margin of all loops with 10 kohm, and its crossover",
         fontsize=9, loc="left",
     )  # fmt: skip
     axes.set_xlabel("capacitance at every virtual ground (pF)")
     plotting.quiet(axes)
 
 
-def table(axes, shelf: list[Chosen]) -> None:
-    """What is chosen for the presets, which have their parasitics."""
+def table(axes, shelf: list[Sizing]) -> None:
+    """Draw the table of sizes for part sets with their parasitics."""
     axes.set_axis_off()
-    axes.set_title("presets with their parasitics: sizes as chosen", fontsize=9, loc="left")
+    axes.set_title("part sets with their parasitics: chosen sizes", fontsize=9, loc="left")
     shown = axes.table(
         [one.cells() for one in shelf], colLabels=HEADS, colWidths=(0.3, *[0.14] * 5),
         edges="horizontal", cellLoc="right", bbox=(0, 0, 1, 1),

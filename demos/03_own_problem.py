@@ -4,7 +4,7 @@ Question: Which declarations does a problem outside the library need?
 Answer:   Its symbols, the equation of motion, the cost and both boundary conditions: twenty lines.
           The network settles at a certified optimum: the boat crosses almost at right angles,
           drifts with the current, and moors 2 m downstream with its bow upstream.
-Figure:   out/demos/03_crossing.png, the brook from above; out/demos/03_boat/, the four pictures.
+Figure:   out/demos/03_crossing.png: plan view; out/demos/03_boat/: four figures of the solution.
 """
 
 from pathlib import Path
@@ -16,11 +16,11 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.plotting import style
 
-WIDTH, CURRENT = 4.0, 1.2  # metres; metres a second in the middle
+WIDTH, CURRENT = 4.0, 1.2  # width (m); current in the middle (m/s)
 
 
 def boat() -> ann_dc.OptimalControlProblem:
-    """Zermelo's problem, smooth: position (x, y), heading theta, in a parabolic current."""
+    """Return a smooth Zermelo problem: position, heading theta, parabolic current."""
     x, y, theta, thrust, rudder = sp.symbols("x y theta thrust rudder")
     flow = CURRENT * 4 * y * (WIDTH - y) / WIDTH**2
     return ann_dc.OptimalControlProblem(
@@ -38,7 +38,7 @@ def boat() -> ann_dc.OptimalControlProblem:
 
 
 def main(out: Path | None = None) -> dict:
-    """Solve the crossing; return its certificate's figures and the paths of the pictures."""
+    """Solve the crossing; return the result as a dictionary and the figure paths."""
     solution = ann_dc.solve(boat())
     print(solution)
     pictures = []
@@ -49,7 +49,7 @@ def main(out: Path | None = None) -> dict:
 
 
 def crossing(solution: ann_dc.Solution):
-    """The brook from above: current, path, and where the boat points."""
+    """Draw the brook in plan view: current, path and heading."""
     figure = plotting.new_figure(6.4, 5.0)
     axes = figure.subplots()
     x, y, theta = (solution[name] for name in ("x", "y", "theta"))
@@ -62,9 +62,15 @@ def crossing(solution: ann_dc.Solution):
     axes.quiver(
         x, y, np.cos(theta), np.sin(theta), color=style.ORANGE, scale=16, width=0.006, zorder=2
     )
-    axes.plot([], [], color=style.ORANGE, lw=2, label="where the boat points")
-    axes.plot(x, y, "o-", color=style.BLUE, ms=4, label="path, network")
-    axes.plot(*solution.certificate.rollout[:2], "--", color=style.INK, lw=1, label="simulation")
+    axes.plot([], [], color=style.ORANGE, lw=2, label="heading theta")
+    axes.plot(x, y, "o-", color=style.BLUE, ms=4, label="network")
+    axes.plot(
+        *solution.certificate.rollout[:2],
+        "--",
+        color=style.INK,
+        lw=1,
+        label="simulation (discrete time)",
+    )
     axes.set(xlabel="downstream x (m)", ylabel="across y (m)", ylim=(-0.4, WIDTH + 0.4))
     axes.set_aspect("equal", adjustable="datalim")
     plotting.quiet(axes)

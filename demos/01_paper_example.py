@@ -6,9 +6,9 @@ Answer:   Yes. It settles at E = 398.6315 for D = 1 m and at 368.1893 for D = 0.
           IPOPT finds, in about 50 tau_min, at the rate that the spectrum predicts. An open-loop
           simulation with its controls reaches q_d. The printed equations give a straight line
           without steering, or do not settle.
-Figure:   out/demos/01_D1.0/ and 01_D0.5/, four pictures each: plan, controls, settling, spectrum;
-          01_overview.png: the way from the problem to the network, and its result;
-          01_paths.png and 01_controls.png: what holds beside what is printed, no obstacles.
+Figure:   out/demos/01_D1.0/ and 01_D0.5/, four figures each: plan, controls, settling, spectrum;
+          01_overview.png: problem, network and result;
+          01_paths.png and 01_controls.png: corrected and printed equations, no obstacles.
 """
 
 from pathlib import Path
@@ -21,11 +21,11 @@ WHEEL_BASES = (1.0, 0.5)
 
 
 def main(out: Path | None = None) -> dict:
-    """Solve both cars; return a table by wheel base, and the paths of the pictures."""
+    """Solve both cars; return the results by wheel base and the paths of the figures."""
     explain(ann_dc.plants.car())
     table, pictures, solutions = {}, [], {}
     for D in WHEEL_BASES:
-        print(f"\n6. Design, run, certify: D = {D} m ...", flush=True)
+        print(f"\n6. Design, run and certificate: D = {D} m ...", flush=True)
         solution = ann_dc.solve(ann_dc.plants.car(D=D))
         print(solution.design, solution, sep="\n")
         table[D], solutions[D] = solution.as_dict(), solution
@@ -37,8 +37,8 @@ def main(out: Path | None = None) -> dict:
 
 
 def as_printed(optimum: ann_dc.Solution, out: Path) -> list[Path]:
-    """Paths and controls without obstacles: what holds beside what is printed."""
-    print("\n7. The same as printed ...", flush=True)
+    """Draw paths and controls of the corrected and printed equations, no obstacles."""
+    print("\n7. Printed equations, no obstacles ...", flush=True)
     runs = {run.label: run.solution for run in demonstrations(optimum)}
     drawn = optimum, runs["without dB/dq"], runs["printed D=1"]
     for label, solution in runs.items():
@@ -51,15 +51,15 @@ def as_printed(optimum: ann_dc.Solution, out: Path) -> list[Path]:
 
 
 def explain(problem: ann_dc.OptimalControlProblem) -> None:
-    """From the problem to the wired cell, step by step."""
-    print("1. The problem, (22)-(24):", problem, sep="\n")
-    print("\n2. Its stage equations as the paper prints them:")
+    """Print the problem, its stage equations and its network."""
+    print("1. Problem (22)-(24):", problem, sep="\n")
+    print("\n2. Stage equations as printed:")
     print(ann_dc.decompose(problem, ann_dc.PRINTED))
-    print("\n3. The stage equations that hold, (11)-(15) corrected:")
+    print("\n3. Stage equations (11)-(15), corrected:")
     print(ann_dc.decompose(problem))
     network = ann_dc.synthesize(problem)
-    print("\n4. The cell, wired, and nine of them in a row:", network, sep="\n")
-    print("\n5. What is not wired: rho and the time constants. `solve` designs them.")
+    print("\n4. Network, an array of nine equal cells:", network, sep="\n")
+    print("\n5. Gains: `solve` designs rho and the time constants.")
 
 
 if __name__ == "__main__":

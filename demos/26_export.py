@@ -8,7 +8,7 @@ Answer:   Digits, if the format rounds. Controls are within 0.1 % from words of 
           file, ONNX, torch, exact conductances) controls agree within 1e-11. ngspice runs the
           netlist of op amps 2.7e-5 off; C in words of 16 bits is 8.3e-5 off. A format takes 20 to
           900 kB and less than a second, a torch program about five. NIR holds linear nodes only.
-Figure:   out/demos/26_taking_the_network_away.png
+Figure:   out/demos/26_export.png
 """
 
 from __future__ import annotations
@@ -36,16 +36,19 @@ from ann_dc.export.reference import reference_vector
 from ann_dc.plotting import style
 
 BITS = tuple(range(8, 25))
+"""Word lengths in bits."""
 LEVELS = tuple(round(2**power) for power in np.arange(1, 16.5, 0.5))
+"""Numbers of conductance levels."""
 UNITS = tuple(round(2**power) for power in np.arange(3, 12.5, 0.5))
+"""Sizes of the largest capacitor in units."""
 UNIT = 100e-15
-"""A unit capacitor, in farads."""
+"""Capacitance of a unit capacitor (F)."""
 GOOD = 1e-3
-"""An error of the controls that a user may allow."""
+"""Accepted control error, relative to the largest control."""
 UNSEEN = 1e-16
-"""Errors below it are drawn at it."""
+"""Control error below which errors are drawn at this value."""
 SETTLED = 1e-12
-"""Of the relative KKT residual, where a reloaded network may walk as long as it likes."""
+"""Tolerance of the relative KKT residual for onnxruntime."""
 KINDS = {
     style.BLUE: ("numbers", ("weights", "csv", "onnx", "torch_program", "nir")),
     style.ORANGE: ("circuits", ("pack", "ltspice", "xyce", "kicad", "verilog_a")),
@@ -53,24 +56,25 @@ KINDS = {
         "devices and integers",
         ("conductances", "capacitors", "analog_computer", "c99", "hdl"),
     ),
-    style.PURPLE: ("papers", ("diagram", "schematic", "latex")),
+    style.PURPLE: ("publications", ("diagram", "schematic", "latex")),
 }
-"""Colours of kinds of formats."""
+"""Groups of formats by colour."""
 WORD, LEVEL, CAPACITOR = "bits", "levels", "units"
 AXES = {
-    WORD: ("bits of a word (fixed point)", "one more"),
-    LEVEL: ("levels of a conductance (crossbar)", "twice as many"),
-    CAPACITOR: ("units of the largest capacitor (switched capacitors)", "twice as many"),
+    WORD: ("word length (bits, fixed point)", "one more"),
+    LEVEL: ("number of conductance levels (crossbar)", "twice as many"),
+    CAPACITOR: ("largest capacitor (units, switched capacitors)", "twice as many"),
 }
-"""What is counted, and what is an octave of it."""
+"""Axis label of each resolution, and name of one octave."""
 MIDDLE = 1e-8
-"""Words stand on the left of errors above it."""
+"""Control error above which labels are placed to the left."""
 Errors = dict[int, float]
+"""Control error by resolution."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What became of a format: nothing but `why_not` where it cannot carry the network."""
+    """Result of an export; only `why_not` if the format does not support the network."""
 
     name: str
     bytes: int = 0
@@ -80,6 +84,7 @@ class Row:
     why_not: str = ""
 
     def __str__(self) -> str:
+        """Return the row of the printed table."""
         if self.why_not:
             return f"{self.name:16} {self.why_not[:100]}"
         error = f"{self.error:8.1e}" if np.isfinite(self.error) else " " * 8
@@ -93,21 +98,21 @@ def main(
     levels: Sequence[int] = LEVELS,
     units: Sequence[int] = UNITS,
 ) -> dict:
-    """Round in three ways, export in every format; return errors, rows and the picture's path."""
+    """Round in three ways, export in every format; return errors, rows and the figure path."""
     problem = ann_dc.plants.car()
     network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     errors = rounded(network, bits, levels, units)
     for name, found in errors.items():
-        print(f"{AXES[name][0]}: within {100 * GOOD:g} % from {enough(found)} on")
+        print(f"{AXES[name][0]}: control error below {100 * GOOD:g} % from {sufficient(found)} on")
         print("  " + ", ".join(f"{value}: {error:.1e}" for value, error in found.items()))
-    print(f"\n{'format':16} {'bytes':>8} {'s':>6} {'error':>8}  what `ann-dc inspect` says")
+    print(f"\n{'format':16} {'bytes':>8} {'s':>6} {'error':>8}  result of `ann-dc inspect`")
     with tempfile.TemporaryDirectory() as folder:
         rows = [exported(network, name, Path(folder)) for name in formats]
     print(*rows, sep="\n")
     figures = []
     if out is not None:
         figure = picture(problem, errors, rows)
-        figures.append(plotting.save(figure, Path(out) / "26_taking_the_network_away.png"))
+        figures.append(plotting.save(figure, Path(out) / "26_export.png"))
     return {"errors": errors, "rows": rows, "figures": figures}
 
 
@@ -117,7 +122,7 @@ def main(
 def rounded(
     network: ann_dc.Network, bits: Iterable[int], levels: Iterable[int], units: Iterable[int]
 ) -> dict[str, Errors]:
-    """Errors of the controls over bits of a word, levels of a conductance, unit capacitors."""
+    """Compute control errors over word length, conductance levels and capacitor units."""
     vector = reference_vector(network, 1e-9)
 
     def in_words(count: int) -> float:
@@ -132,14 +137,14 @@ def rounded(
         return json.loads(files["capacitors.json"])["control_error"]
 
     return {
-        WORD: each(bits, in_words),
-        LEVEL: each(levels, in_levels),
-        CAPACITOR: each(units, in_units),
+        WORD: errors_of(bits, in_words),
+        LEVEL: errors_of(levels, in_levels),
+        CAPACITOR: errors_of(units, in_units),
     }
 
 
-def each(values: Iterable[int], error_of: Callable[[int], float | None]) -> Errors:
-    """The error of every value; nan where the network does not fit, or does not settle."""
+def errors_of(values: Iterable[int], error_of: Callable[[int], float | None]) -> Errors:
+    """Compute the error for every value; nan if out of range or not settled."""
     found = {}
     for value in values:
         try:
@@ -150,8 +155,8 @@ def each(values: Iterable[int], error_of: Callable[[int], float | None]) -> Erro
     return found
 
 
-def enough(found: Errors) -> int:
-    """The value from which on the error is good."""
+def sufficient(found: Errors) -> int:
+    """Return the smallest value from which all errors are below `GOOD`."""
     bad = [value for value, error in found.items() if not error < GOOD]
     return min((value for value in found if value > max(bad, default=0)), default=0)
 
@@ -160,7 +165,7 @@ def enough(found: Errors) -> int:
 
 
 def exported(network: ann_dc.Network, name: str, folder: Path) -> Row:
-    """A format as files, looked into, and settled again where somebody here can run it."""
+    """Export one format, inspect the files, and run them if a program in `RUN` supports it."""
     start = time.perf_counter()
     try:
         [done] = ann_dc.export_network(network, name, folder)
@@ -178,31 +183,35 @@ def exported(network: ann_dc.Network, name: str, folder: Path) -> Row:
     )
 
 
-def off(network: ann_dc.Network, x: np.ndarray) -> float:
-    """How far the controls at a state (n,) are from the optimum, as a share of the largest."""
+def control_error(network: ann_dc.Network, x: np.ndarray) -> float:
+    """Compute the control error of a state (n,), relative to the largest control."""
     rows = network.of_population("u")
     exact = network.user_units(ann_dc.equilibrium(network, x))[rows]
     return float(np.abs(network.user_units(x)[rows] - exact).max() / np.abs(exact).max())
 
 
-def settled(again: ann_dc.Network) -> np.ndarray:
-    """Where a network rests."""
-    run = ann_dc.OdeBackend(verify=False).run(again)
-    return ann_dc.equilibrium(again, run.trajectory.final)
+def settled_state(network: ann_dc.Network) -> np.ndarray:
+    """Run a network and return its equilibrium."""
+    run = ann_dc.OdeBackend(verify=False).run(network)
+    return ann_dc.equilibrium(network, run.trajectory.final)
 
 
 def in_ann_dc(network: ann_dc.Network, folder: Path) -> float:
-    return off(network, settled(ann_dc.load(folder / "network.safetensors")))
+    """Return the control error of the loaded weight file."""
+    return control_error(network, settled_state(ann_dc.load(folder / "network.safetensors")))
 
 
 def of_conductances(network: ann_dc.Network, folder: Path) -> float:
+    """Return the control error with weights from the conductances."""
     files = {file.name: file.read_bytes() for file in folder.iterdir()}
     weights = weights_of(files)
     wires = tuple(replace(c, weight=weights[c.name]) for c in network.cell.connections)
-    return off(network, settled(replace(network, cell=replace(network.cell, connections=wires))))
+    cell = replace(network.cell, connections=wires)
+    return control_error(network, settled_state(replace(network, cell=cell)))
 
 
 def in_onnxruntime(network: ann_dc.Network, folder: Path) -> float:
+    """Return the control error of the ONNX model in onnxruntime."""
     import onnxruntime
 
     vector = json.loads((folder / "reference_vector.json").read_bytes())
@@ -215,10 +224,11 @@ def in_onnxruntime(network: ann_dc.Network, folder: Path) -> float:
         "limit": np.array(3 * vector["steps"]),
     }
     states = np.asarray(session.run(["settled_states"], given)[0])
-    return off(network, network.pack(states[..., 0]))
+    return control_error(network, network.pack(states[..., 0]))
 
 
 def in_torch(network: ann_dc.Network, folder: Path) -> float:
+    """Return the control error of the torch program."""
     import torch
 
     vector = json.loads((folder / "reference_vector.json").read_bytes())
@@ -229,10 +239,11 @@ def in_torch(network: ann_dc.Network, folder: Path) -> float:
     with torch.no_grad():
         for _ in range(3 * vector["steps"]):
             x = program(x, inputs, step)["x"]
-    return off(network, x[0].numpy())
+    return control_error(network, x[0].numpy())
 
 
 def in_ngspice(network: ann_dc.Network, folder: Path) -> float:
+    """Return the control error of the netlist in ngspice."""
     subprocess.run(["ngspice", "-b", "deck.cir"], cwd=folder, check=True, capture_output=True)
     with open(folder / "controls.csv", encoding="utf-8") as file:
         rows = [(float(row["settled"]), float(row["expected"])) for row in csv.DictReader(file)]
@@ -241,45 +252,47 @@ def in_ngspice(network: ann_dc.Network, folder: Path) -> float:
 
 
 def in_c(network: ann_dc.Network, folder: Path) -> float:
+    """Build and check the C code; return its control error."""
     subprocess.run(["make", "check"], cwd=folder, check=True, capture_output=True)
     return json.loads((folder / "fixed_point.json").read_bytes())["error"]
 
 
 def of_capacitors(network: ann_dc.Network, folder: Path) -> float:
+    """Return the control error with rounded capacitors."""
     return json.loads((folder / "capacitors.json").read_bytes())["control_error"]
 
 
 RUN = {
-    "weights": ("loaded again", in_ann_dc),
+    "weights": ("ann_dc", in_ann_dc),
     "onnx": ("onnxruntime", in_onnxruntime),
     "torch_program": ("torch", in_torch),
     "pack": ("ngspice", in_ngspice),
-    "conductances": ("read back", of_conductances),
-    "capacitors": ("largest of 256 units", of_capacitors),
-    "c99": ("C compiler, words of 16 bits", in_c),
+    "conductances": ("ann_dc", of_conductances),
+    "capacitors": ("ann_dc, 256 units", of_capacitors),
+    "c99": ("C compiler, 16 bits", in_c),
 }
-"""Who settles it again, and how far its controls are from the optimum then."""
+"""Program that runs each exported format, and function that computes the control error."""
 
 
-# ---- the picture -----------------------------------------------------------------------------
+# ---- figure ----------------------------------------------------------------------------------
 
 
 def picture(problem: ann_dc.OptimalControlProblem, errors: dict[str, Errors], rows: list[Row]):
-    """Errors over digits above, formats below."""
+    """Draw errors over resolution above, formats below."""
     figure = plotting.new_figure(12.0, 9.2)
     above, below = figure.subfigures(2, 1, height_ratios=(4, 6))
     curves(above, errors)
     table(below, rows)
     plotting.headline(
         figure,
-        f"{plotting.caption(problem)}, time constants alone: what is lost when the network leaves\n"
-        "Above: rounding. Below: what every format weighs, and what it settles to where it is run",
+        f"{plotting.caption(problem)}, diagonal preconditioner: accuracy of exported networks\n"
+        "Above: rounding. Below: size, export time and control error of every format",
     )
     return figure
 
 
 def curves(figure, errors: dict[str, Errors]) -> None:
-    """A panel a way of rounding, octave by octave, and a line through what was measured."""
+    """Draw a panel per way of rounding, over octaves, with a fitted line."""
     panels = figure.subplots(1, 3, sharey=True)
     for axes, (name, found) in zip(panels, errors.items()):
         label, octave = AXES[name]
@@ -291,22 +304,22 @@ def curves(figure, errors: dict[str, Errors]) -> None:
         axes.plot(octaves, 10 ** (first + slope * octaves), ":", color=style.GREY, lw=1.2)
         axes.plot(octaves[held], error[held], "o", color=style.BLUE, ms=5, label="measured")
         axes.plot(octaves[~held], np.full(sum(~held), 1.0), "x", color=style.VERMILION,
-                  ms=6, mew=1.8, label="does not fit, or does not settle")  # fmt: skip
+                  ms=6, mew=1.8, label="out of range, or not settled")  # fmt: skip
         axes.set(xlabel=label, yscale="log", ylim=(1e-7, 3))
         axes.set_title(
-            f"{100 * GOOD:g} % takes {enough(found)} {name}; {octave}: error / {10**-slope:.1f}",
+            f"{100 * GOOD:g} % from {sufficient(found)} {name}; {octave}: error / {10**-slope:.1f}",
             fontsize=9,
         )
         if name != WORD:
             axes.xaxis.set_major_locator(MultipleLocator(2))
             axes.xaxis.set_major_formatter(lambda power, _: f"{2**power:.0f}")
         plotting.quiet(axes)
-    panels[0].set_ylabel("error of the controls\n(share of the largest)")
+    panels[0].set_ylabel("control error\n(relative to the largest control)")
     panels[2].legend(frameon=False, fontsize=8, loc="lower left")
 
 
 def table(figure, rows: list[Row]) -> None:
-    """A line a format: bytes, seconds, what it settles to elsewhere, and what it loses."""
+    """Draw a line per format: size, export time, control error, and omitted parts."""
     panels = figure.subplots(1, 4, sharey=True, width_ratios=(3, 3, 5, 6))
     size, seconds, error, words = panels
     for place, row in enumerate(rows):
@@ -322,18 +335,18 @@ def table(figure, rows: list[Row]) -> None:
                 where, (at, place), (-7 if left else 7, 0), textcoords="offset points",
                 ha="right" if left else "left", va="center", fontsize=8,
             )  # fmt: skip
-        head, ink = ("cannot carry the car: ", style.VERMILION) if row.why_not else ("", style.INK)
+        head, ink = ("not supported: ", style.VERMILION) if row.why_not else ("", style.INK)
         lost = FORMATS[row.name].loses.replace("`", "")
         words.text(0, place, head + lost, va="center", fontsize=8, color=ink)
     size.set_yticks(range(len(rows)), [row.name for row in rows])
     size.set_ylim(len(rows) - 0.4, -0.6)
-    size.set_xlabel("all its files (kB)")
-    seconds.set(xlabel="writing (s)", xscale="log")
+    size.set_xlabel("size of all files (kB)")
+    seconds.set(xlabel="export time (s)", xscale="log")
     error.set(
-        xlabel="error of the controls, settled elsewhere\n(share of the largest; no dot: not run)",
+        xlabel="control error of the exported network\n(relative to the largest; no dot: not run)",
         xscale="log", xlim=(UNSEEN / 5, 1), xticks=10.0 ** np.arange(-15, 0, 3),
     )  # fmt: skip
-    words.set_title("what it loses", fontsize=9, loc="left")
+    words.set_title("not preserved", fontsize=9, loc="left")
     words.set_axis_off()
     for axes in panels[:3]:
         plotting.quiet(axes)

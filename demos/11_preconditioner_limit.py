@@ -9,8 +9,8 @@ Answer:   The exact preconditioner has a stiffness ratio radius / |abscissa| of 
           reduction is the same preconditioner as the grid without a loop that has to settle, for 40
           to 190 wires. All settle at the same optimum. The spectra show the slow modes: a long tail
           with the diagonal preconditioner, a short one with multilevel, none with the grid.
-Figure:   out/demos/11_how_far_from_the_limit.png: settling and wires of every kind and plant;
-          out/demos/11_spectra.png: the spectra of car and pendulum, their slow ends on the right.
+Figure:   out/demos/11_preconditioner_limit.png: settling and wires per preconditioner and plant;
+          out/demos/11_spectra.png: spectra of car and pendulum, slow modes on the right.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ann_dc.network.preconditioners import CyclicReduction, ResistiveGrid, Wires
 from ann_dc.plotting import style
 
 LIMIT = 2.0
-"""Ratio with the preconditioner that knows the problem exactly: every slow mode at Re s = -1/2."""
+"""Stiffness ratio of the exact preconditioner: every slow mode at Re s = -1/2."""
 PLANTS = ("car", "unicycle", "van_der_pol", "cstr", "pendulum", "two_link_arm")
 SPECTRA = ("car", "pendulum")
 """Plants whose spectra are drawn."""
@@ -37,14 +37,14 @@ MARKS = {
     PreconditionerKind.RESISTIVE_GRID: (style.VERMILION, "o"),
     PreconditionerKind.CYCLIC_REDUCTION: (style.GREEN, "D"),
 }
-"""Colour and marker of every kind."""
-BESIDE = {PreconditionerKind.MULTILEVEL: -0.1, PreconditionerKind.COUPLED_MULTILEVEL: 0.1}
-"""Kinds with the same wires are drawn beside each other."""
+"""Colour and marker of every preconditioner."""
+OFFSETS = {PreconditionerKind.MULTILEVEL: -0.1, PreconditionerKind.COUPLED_MULTILEVEL: 0.1}
+"""Vertical offsets of preconditioners with the same number of wires."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One kind of preconditioner on one plant."""
+    """Result of one preconditioner with one plant."""
 
     kind: PreconditionerKind
     solution: ann_dc.Solution
@@ -52,53 +52,53 @@ class Row:
 
     @property
     def ratio(self) -> float:
-        """radius / |abscissa| at the settled point."""
+        """Stiffness ratio radius / |abscissa| at the settled point."""
         return self.solution.spectrum.stiffness_ratio
 
     @property
     def settling(self) -> float:
-        """From the straight line, in fastest time constants."""
+        """Settling time from the straight line (tau_min)."""
         return self.solution.normalised_settling_time
 
     @property
     def per_cell(self) -> float:
-        """Wires a cell, both directions counted."""
+        """Number of wires per cell, both directions counted."""
         ways = 2 if self.wires.both_ways else 1
         return ways * self.wires.per_cell(self.solution.network.stages)
 
 
 def rows_of(problem: ann_dc.OptimalControlProblem) -> list[Row]:
-    """Every kind of preconditioner, each designed as if it were the only one that can be built."""
+    """Return a row per preconditioner, each designed with this preconditioner alone."""
     rows = [
         row_of(problem, kind)
         for kind in PreconditionerKind
         if kind is not PreconditionerKind.CYCLIC_REDUCTION
     ]
     grid = next(row for row in rows if row.kind is PreconditionerKind.RESISTIVE_GRID)
-    return [*rows, as_tree(grid)]
+    return [*rows, as_cyclic_reduction(grid)]
 
 
 def row_of(problem: ann_dc.OptimalControlProblem, kind: PreconditionerKind) -> Row:
-    """Design with one kind of preconditioner, run, certify."""
+    """Design with one preconditioner, run and certify."""
     solution = ann_dc.solve(problem, preconditioner=[kind], backend=ann_dc.OdeBackend(verify=False))
     network = solution.network
     return Row(kind=kind, solution=solution, wires=network.preconditioner.wires(network.layout))
 
 
-def as_tree(grid: Row) -> Row:
-    """The preconditioner of a grid as hats that follow the plant: the same moves, other wires."""
+def as_cyclic_reduction(grid: Row) -> Row:
+    """Return the preconditioner of a grid as cyclic reduction: same M, other wires."""
     network, preconditioner = grid.solution.network, grid.solution.network.preconditioner
     assert isinstance(preconditioner, ResistiveGrid)
-    tree = CyclicReduction(own=preconditioner.own, following=preconditioner.following)
+    reduction = CyclicReduction(own=preconditioner.own, following=preconditioner.following)
     return Row(
         kind=PreconditionerKind.CYCLIC_REDUCTION,
         solution=grid.solution,
-        wires=tree.wires(network.layout),
+        wires=reduction.wires(network.layout),
     )
 
 
 def main(out: Path | None = None, names: tuple[str, ...] = PLANTS) -> dict:
-    """Solve every plant with every kind; return the table and the paths of the pictures."""
+    """Solve every plant with every preconditioner; return the table and figure paths."""
     table = {}
     for name in names:
         print(f"{name} ...", flush=True)
@@ -107,14 +107,14 @@ def main(out: Path | None = None, names: tuple[str, ...] = PLANTS) -> dict:
     figures = []
     if out is not None:
         figures = [
-            plotting.save(costs(table), Path(out) / "11_how_far_from_the_limit.png"),
+            plotting.save(costs(table), Path(out) / "11_preconditioner_limit.png"),
             plotting.save(spectra(table), Path(out) / "11_spectra.png"),
         ]
     return {"table": table, "figures": figures}
 
 
 def as_text(table: dict[str, list[Row]]) -> str:
-    """The table, one line a plant and kind."""
+    """Return the table, with a line per plant and preconditioner."""
     lines = [
         f"{'':18}{'':34}{'ratio':>7}{'settling':>10}{'certified':>11}{'wires/cell':>12}{'nodes':>7}"
     ]
@@ -125,38 +125,36 @@ def as_text(table: dict[str, list[Row]]) -> str:
                 f"{name:18}{row.kind.value:34}{row.ratio:7.3g}{row.settling:10.0f}"
                 f"{certified:>11}{row.per_cell:12.0f}{row.wires.nodes:7}"
             )
-    return "\n".join(
-        [*lines, f"(limit of the ratio {LIMIT:g}; settling in fastest time constants)"]
-    )
+    return "\n".join([*lines, f"(ratio: stiffness ratio, limit {LIMIT:g}; settling: tau_min)"])
 
 
 def costs(table: dict[str, list[Row]]):
-    """Settling on the left, wires on the right, a line a plant."""
+    """Draw settling times and wires, with a line per plant."""
     figure = plotting.new_figure(10.0, 4.6)
     settling, wires = figure.subplots(1, 2, sharey=True)
     for number, rows in enumerate(table.values()):
         for row in rows:
             colour, marker = MARKS[row.kind]
-            place = number + BESIDE.get(row.kind, 0.0)
+            place = number + OFFSETS.get(row.kind, 0.0)
             look = {"color": colour, "marker": marker, "ms": 7, "mec": "white", "ls": "none"}
             label = row.kind.value if number == 0 else None
-            if row.kind is not PreconditionerKind.CYCLIC_REDUCTION:  # it settles as its grid does
+            if row.kind is not PreconditionerKind.CYCLIC_REDUCTION:  # as its grid
                 settling.plot(row.settling, place, **look)
             wires.plot(row.per_cell, place, **look, label=label)
     least = LIMIT * np.log(1e6)
     settling.axvline(least, color=style.INK, lw=1, ls="--")
-    settling.text(1.06 * least, -0.45, "ratio of 2", fontsize=8, color=style.INK)
-    settling.set(xscale="log", xlabel="settling to 1e-6 from the line (fastest time constants)")
+    settling.text(1.06 * least, -0.45, "stiffness ratio 2", fontsize=8, color=style.INK)
+    settling.set(xscale="log", xlabel="settling time to 1e-6 from the straight line (tau_min)")
     ticks = [30, 100, 300, 1000, 3000]
     settling.set_xticks(ticks, [str(tick) for tick in ticks])
     settling.minorticks_off()
-    wires.set(xlabel="wires a cell besides the neighbour wiring, both directions counted (1)")
+    wires.set(xlabel="wires per cell besides neighbour connections (both directions)")
     wires.set_xscale("symlog", linthresh=10)
     ticks = [0, 5, 10, 20, 50, 100, 200, 500]
     wires.set_xticks(ticks, [str(tick) for tick in ticks])
     wires.minorticks_off()
     wires.set_xlim(left=-1)
-    settling.set_yticks(range(len(table)), [said(rows) for rows in table.values()])
+    settling.set_yticks(range(len(table)), [caption_of(rows) for rows in table.values()])
     settling.set_ylim(len(table) - 0.4, -0.7)
     for axes in (settling, wires):
         plotting.quiet(axes)
@@ -165,19 +163,19 @@ def costs(table: dict[str, list[Row]]):
         fontsize=8,
     )  # fmt: skip
     figure.suptitle(
-        "How soon every preconditioner settles, and what it costs; a tree settles as its grid does",
+        "Settling time and wires of every preconditioner; cyclic reduction settles like its grid",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure
 
 
-def said(rows: list[Row]) -> str:
-    """A plant, and below it N and dt."""
+def caption_of(rows: list[Row]) -> str:
+    """Return the name of a plant with N and dt on the next line."""
     return plotting.caption(rows[0].solution.problem).replace(": ", "\n")
 
 
 def spectra(table: dict[str, list[Row]]):
-    """Every eigenvalue over the radius: how fast to the left, how slow to the right."""
+    """Draw eigenvalues relative to the spectral radius, with slow modes on the right."""
     shown = [name for name in SPECTRA if name in table] or list(table)[:1]
     drawn = [
         row.kind for row in table[shown[0]] if row.kind is not PreconditionerKind.CYCLIC_REDUCTION
@@ -188,9 +186,9 @@ def spectra(table: dict[str, list[Row]]):
         for axes, row in zip(line, table[name]):
             panel(axes, row)
             axes.set_title(f"{row.kind.value}: {row.ratio:.3g}", fontsize=8)
-        line[0].set_ylabel(f"{said(table[name])}\nimaginary part (radii)")
+        line[0].set_ylabel(f"{caption_of(table[name])}\nimaginary part\n(relative to radius)")
     for axes in panels[-1]:
-        axes.set_xlabel("minus the real part (radii)")
+        axes.set_xlabel("decay rate\n(relative to spectral radius)")
     slowest = max(row.ratio for name in shown for row in table[name])
     panels[0, 0].set(xscale="log", xlim=(1.5, 0.5 / slowest), ylim=(-1.05, 1.05))
     figure.legend(
@@ -198,14 +196,14 @@ def spectra(table: dict[str, list[Row]]):
         frameon=False, fontsize=8,
     )  # fmt: skip
     figure.suptitle(
-        "Spectra at the optimum, slow modes on the right; above each, radius / |abscissa|",
+        "Spectra at the optimum, slow modes on the right; titles: ratio radius / |abscissa|",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure
 
 
 def panel(axes, row: Row) -> None:
-    """One spectrum, its slowest mode, and where that would be at best."""
+    """Draw one spectrum, its slowest mode and the limit."""
     spectrum = row.solution.spectrum
     scaled = spectrum.eigenvalues / spectrum.radius
     axes.plot(
@@ -213,7 +211,9 @@ def panel(axes, row: Row) -> None:
         label="eigenvalues",
     )  # fmt: skip
     axes.axvline(1 / row.ratio, color=style.INK, lw=1, label="slowest mode")
-    axes.axvline(1 / LIMIT, color=style.INK, lw=1, ls="--", label=f"the limit: ratio {LIMIT:g}")
+    axes.axvline(
+        1 / LIMIT, color=style.INK, lw=1, ls="--", label=f"limit: stiffness ratio {LIMIT:g}"
+    )
     plotting.quiet(axes)
 
 

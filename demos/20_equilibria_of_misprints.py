@@ -9,7 +9,7 @@ Answer: Of nineteen forms (corrected, S1 to S17, as printed) ten settle, three a
           cost, S11 with inconsistent boundary conditions, S13 and S15 without effort. S7 is
           closest: its controls are 2.6 % off, and it settles in the same 153 tau_min. Nine do not
           settle. Only a certificate separates these cases.
-Figure:   out/demos/20_where_slips_settle.png
+Figure:   out/demos/20_equilibria_of_misprints.png
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ SAME = 1e-5
 class FormEnd(enum.Enum):
     """Classification of a form; the value is its description."""
 
-    OPTIMUM = "settles to the optimum, certified"
-    CONTROLS = "settles to the right controls alone"
-    ELSEWHERE = "settles, and not to the optimum"
-    NEVER = "does not settle"
+    OPTIMUM = "certified optimum"
+    CONTROLS = "optimal controls only"
+    ELSEWHERE = "settled, not an optimum"
+    NEVER = "not settled"
 
 
 COLOURS = {
@@ -46,39 +46,40 @@ COLOURS = {
     FormEnd.ELSEWHERE: style.ORANGE,
     FormEnd.NEVER: style.GREY,
 }
-SLIPS = {
-    "corrected": "what holds",
-    "printed": "(16), (17) to the letter",
-    "S1": "q and u climb the Lagrangian",
-    "S2": "duals descend",
+"""Colours of the results."""
+DESCRIPTIONS = {
+    "corrected": "corrected equations",
+    "printed": "(16), (17) as printed",
+    "S1": "q and u ascend the Lagrangian",
+    "S2": "multiplier beta descends",
     "S3": "without dB/dq",
     "S4": "damping without dt",
-    "S5": "u reads the cost of states",
+    "S5": "dE/dq instead of dE/du for u",
     "S6": "B without dt in (12), (13)",
     "S7": "0.99 before q in the coupling",
     "S8": "q + t in the coupling, (15)",
-    "S9": "t of the stage after next, (17)",
-    "S10": "-mu + beta drives t, (14)",
-    "S11": "ends of the row as printed",
-    "S12": "cost over N, (10)",
+    "S9": "t of stage k+1 in coupling, (17)",
+    "S10": "-mu + beta for t, (14)",
+    "S11": "index ranges as printed",
+    "S12": "cost divided by N, (10)",
     "S13": "no terminal condition",
-    "S14": "q_0 is a neuron; no slip",
+    "S14": "q_0 is a neuron; no erratum",
     "S15": "both levels solve (30)",
     "S16": "rate |B/A| of (33), an oracle",
-    "S17": "(30) to the letter",
+    "S17": "(30) as printed",
 }
-"""Each form in a few words; demo 02 says what it leads to."""
+"""Short descriptions of the forms; demo 02 explains their effects."""
 COLUMNS = (
     ("form", 0.01, "left"),
     ("", 0.085, "left"),
     ("outcome", 0.315, "left"),
-    ("settling\n(fastest\ntime constants)", 0.50, "right"),
+    ("settling\ntime\n(tau_min)", 0.50, "right"),
     ("objective E\n(user's units)", 0.605, "right"),
-    ("controls off\n(share of\nlargest)", 0.695, "right"),
-    ("KKT residual\n(relative)", 0.785, "right"),
-    ("so it", 0.805, "left"),
+    ("control error\n(relative to\nlargest)", 0.695, "right"),
+    ("relative\nKKT residual", 0.785, "right"),
+    ("result", 0.805, "left"),
 )
-"""Heads of the columns, their places as shares of the width, and on which side these are."""
+"""Column heads, positions as fractions of the width, and alignments."""
 
 
 def main(
@@ -87,7 +88,7 @@ def main(
     forms: Sequence[str] | None = None,
     workers: int | None = None,
 ) -> dict:
-    """Run the study; return its rows and ends by form, and the path of the picture."""
+    """Run the study; return its rows and results by form, and the figure path."""
     study = replace(ann_dc.load_study(STUDY), subject=subject)
     if forms is not None:
         study = replace(study, vary={"design.form": [*forms]})
@@ -95,11 +96,11 @@ def main(
     rows = {str(row["design.form"]): row for row in table.rows()}
     ends = {form: end_of(row) for form, row in rows.items()}
     for form, row in rows.items():
-        print(f"{form:10}", "  ".join(f"{word:>12}" for word in words_of(row)), ends[form].value)
+        print(f"{form:10}", "  ".join(f"{word:>12}" for word in cells_of(row)), ends[form].value)
     figures = []
     if out is not None:
         figure = picture(subject, rows, ends)
-        figures.append(plotting.save(figure, Path(out) / "20_where_slips_settle.png"))
+        figures.append(plotting.save(figure, Path(out) / "20_equilibria_of_misprints.png"))
     return {"rows": rows, "ends": ends, "figures": figures}
 
 
@@ -112,8 +113,8 @@ def end_of(row: Row) -> FormEnd:
     return FormEnd.CONTROLS if row["control_error"] < SAME else FormEnd.ELSEWHERE  # type: ignore
 
 
-def words_of(row: Row) -> tuple[str, ...]:
-    """Outcome, settling, objective, error of the controls and KKT residual of a form."""
+def cells_of(row: Row) -> tuple[str, ...]:
+    """Return outcome, settling time, objective, control error and KKT residual as text."""
     names = ("normalised_settling_time", "objective", "control_error", "kkt_residual")
     settling, objective, error, residual = (float(row[name]) for name in names)  # type: ignore
     objective = round(objective, 9)
@@ -127,7 +128,7 @@ def words_of(row: Row) -> tuple[str, ...]:
 
 
 def picture(subject: str, rows: dict[str, Row], ends: dict[str, FormEnd]):
-    """The table, a line a form, coloured by its end; those alike stand together."""
+    """Draw a table with a line per form, grouped and coloured by result."""
     order = [form for end in FormEnd for form in rows if ends[form] is end]
     figure = plotting.new_figure(11.0, 1.2 + 0.24 * len(order))
     axes = figure.subplots()
@@ -140,7 +141,7 @@ def picture(subject: str, rows: dict[str, Row], ends: dict[str, FormEnd]):
         axes.axhspan(line - 0.42, line + 0.42, color=COLOURS[end], alpha=0.18, lw=0)
         axes.axvspan(0, 0.004, 1 - (line + 2.22) / (len(order) + 1.8),
                      1 - (line + 1.38) / (len(order) + 1.8), color=COLOURS[end], lw=0)  # fmt: skip
-        cells = (form, SLIPS.get(form, ""), *words_of(rows[form]), end.value)
+        cells = (form, DESCRIPTIONS.get(form, ""), *cells_of(rows[form]), end.value)
         for cell, (_, x, side) in zip(cells, COLUMNS):
             weight = "bold" if x == COLUMNS[0][1] else "normal"
             axes.text(x, line, cell, ha=side, va="center", fontsize=8, weight=weight)
@@ -148,8 +149,8 @@ def picture(subject: str, rows: dict[str, Row], ends: dict[str, FormEnd]):
     right = sum(end is FormEnd.OPTIMUM for end in ends.values())
     plotting.headline(
         figure,
-        f"{subject}: {count} of {len(rows)} forms come to rest, {right} of them at the optimum; "
-        "gains of the corrected network",
+        f"{subject}: {count} of {len(rows)} forms settle, {right} of them at the certified optimum"
+        "; gains of the corrected network",
     )
     return figure
 
