@@ -4,11 +4,12 @@ Question: Obstacles come into view, and half of them move. How does a robot do t
           network in every control period, compared with the paper's section IV.C?
 Answer:   The network plans 20 stages ahead ten times per second, for at most 1000 tau_min, with the
           visible obstacles as constraints; a safety filter brakes if a plan would collide. The car,
-          with a reverse gear and a sensor range of 3 m, collides in none of twelve random worlds:
-          it arrives in nine and stops before a gap in three. The paper's rule (a waypoint
-          q_obs + delta and a new plan, without a filter) collides in six, because it ignores other
-          obstacles; as printed, without the segment to the waypoint, in ten. Single journeys depend
-          on the last digit of the gains; rates are those of the bench with 200 worlds.
+          with a reverse gear and a sensor range of 3 m, collides in none of twelve random
+          scenarios: it arrives in nine and stops before a gap in three. The paper's rule (a
+          waypoint q_obs + delta and a new plan, without a filter) collides in six, because it
+          ignores other obstacles; as printed, without the segment to the waypoint, in ten. Single
+          runs depend on the last digit of the gains; rates are those of the bench with 200
+          scenarios.
 Figure:   out/demos/17_navigation.png: one scenario with three planners: plans, paths, obstacles.
 """
 

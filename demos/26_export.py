@@ -1,13 +1,14 @@
 """Export: rounding and size of every format.
 
-Question: Which accuracy is lost when the network leaves this package?
+Question: Which accuracy does each export format lose?
 Answer:   Digits, if the format rounds. Controls are within 0.1 % from words of 13 bits, 4096 levels
-          of a conductance or 1024 units of a capacitor on; below, single sizes may be lucky. One
-          more bit or twice the levels halves the error; twice the units divide it by 2.6. Below 10
-          bits tan(varphi) does not fit; below 8 levels nothing settles. Without rounding (weight
-          file, ONNX, torch, exact conductances) controls agree within 1e-11. ngspice runs the
-          netlist of op amps 2.7e-5 off; C in words of 16 bits is 8.3e-5 off. A format takes 20 to
-          900 kB and less than a second, a torch program about five. NIR holds linear nodes only.
+          of a conductance or 1024 units of a capacitor on; single sizes below may be accurate by
+          chance. One more bit or twice the levels halves the error; twice the units divide it by
+          2.6. Below 10 bits tan(varphi) does not fit; below 8 levels nothing settles. Without
+          rounding (weight file, ONNX, torch, exact conductances) controls agree within 1e-11. In
+          ngspice the netlist of op amps has a control error of 2.7e-5; C with words of 16 bits has
+          8.3e-5. A format takes 20 to 900 kB and less than a second, a torch program about 5 s. NIR
+          supports linear nodes only.
 Figure:   out/demos/26_export.png
 """
 

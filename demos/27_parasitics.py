@@ -6,10 +6,11 @@ Answer:   On a board, static errors: bias currents of 1 uA make the controls 3 %
           feedthrough of 0.3 % makes them 1.3 % wrong, in ngspice as predicted. Capacitance costs no
           accuracy, but with resistors of 10 kohm 12 pF at every virtual ground cause ringing;
           smaller resistors, 0.63 to 4.2 kohm, are chosen, and the car settles in 36 us with 3 to 20
-          pF. Presets with the values of their datasheets take 7 to 115 us and are 0.02 to 0.5 %
-          off. In silicon, matching: 8 % with the smallest gates, 1 % with gates 36 times as large;
-          gain under load and the multiplier law cost 0.25 %. If a circuit is barely stable, rely on
-          ngspice: OPA192 with 10 kohm is predicted to settle after 178 us and rings there.
+          pF. Part sets with the values of their datasheets settle in 7 to 115 us with control
+          errors of 0.02 to 0.5 %. In silicon, matching: 8 % with the smallest gates, 1 % with gates
+          36 times as large; gain under load and the multiplier law cost 0.25 %. If a circuit is
+          barely stable, rely on ngspice: OPA192 with 10 kohm is predicted to settle after 178 us
+          and rings there.
 Figure:   out/demos/27_parasitics.png
 """
 
