@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ann_dc.backends.integration.methods import Between
-from ann_dc.backends.status import Outcome
+from ann_dc.backends.status import Outcome, residual_name
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import Numbers
@@ -268,7 +268,7 @@ class BatchRun:
             x = self.states[sample]
             worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
             return f"{what}: neuron {self.network.label(worst)} reached {x[worst]:.3g}"
-        return f"{what}, KKT residual {self.residuals[sample].max():.1e}"
+        return f"{what}, {residual_name(self.network)} {self.residuals[sample].max():.1e}"
 
     def __str__(self) -> str:
         settled, count = self.settled, counted(len(self), "samples")

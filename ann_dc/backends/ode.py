@@ -377,7 +377,8 @@ class _Integration:
 
     def _line(self) -> str:
         worst = max(self.recorder.residuals[-1])
-        return f"{self.stepper.time:.4g} unit time constants, KKT residual {worst:.1e}"
+        name = status.residual_name(self.network)
+        return f"{self.stepper.time:.4g} unit time constants, {name} {worst:.1e}"
 
     def _piece(self) -> Status | None:
         """Take more steps, up to the next headway check."""
@@ -389,7 +390,7 @@ class _Integration:
         stepper, worst = self.stepper, max(recorder.residuals[-1])
         is_over = self.backend.duration is None or stepper.at_end
         if is_over and worst < self.backend.settling.confirmed:
-            return status.settled(worst, stepper.time)
+            return status.settled(worst, stepper.time, status.residual_name(self.network))
         return self._failure(stepper.state, stepper.time)
 
     def _failure(self, x: np.ndarray, now: float) -> Status | None:
@@ -408,7 +409,8 @@ class _Integration:
         return (how := self._no_headway(now)) and self._reported(status.stalled, *how)
 
     def _reported(self, how: Callable[..., Status], *why: str) -> Status:
-        return how(self.recorder.residuals[-1], self.stepper.time, *why)
+        name = status.residual_name(self.network)
+        return how(self.recorder.residuals[-1], self.stepper.time, *why, name=name)
 
     def _no_headway(self, now: float) -> tuple[str, str] | None:
         """Return the sign of a run without headway, and advice; checked once per window."""

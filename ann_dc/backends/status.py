@@ -17,6 +17,8 @@ OVERFLOW = 1e9
 UNMET = 1e-3
 """Constraint residual at the end of a run above which the target may be out of reach."""
 
+KKT = "KKT residual"
+"""Name of the residual of a network that solves a problem."""
 STEADY = 0.1
 """Largest relative difference of a multiplier's growth in two quarters of a run."""
 LEAST_GROWTH = 0.02
@@ -139,7 +141,12 @@ class Status:
         return self.message
 
 
-def settled(residual: float, now: float) -> Status:
+def residual_name(network: Network) -> str:
+    """Return the name of a network's residual; networks wired by hand have no KKT conditions."""
+    return KKT if network.cell.duals else "residual"
+
+
+def settled(residual: float, now: float, name: str = KKT) -> Status:
     """Return the status of a run that settled at network time ``now``.
 
     The relative KKT residual at the end is a fraction of the tolerance.
@@ -150,11 +157,11 @@ def settled(residual: float, now: float) -> Status:
     >>> str(settled(4e-9, 500.0))
     'settled after 500 unit time constants: KKT residual 4.0e-09'
     """
-    message = f"settled after {now:.4g} unit time constants: KKT residual {residual:.1e}"
+    message = f"settled after {now:.4g} unit time constants: {name} {residual:.1e}"
     return Status(outcome=Outcome.SETTLED, message=message, neuron=None, time=now)
 
 
-def completed(residuals: tuple[float, float], now: float) -> Status:
+def completed(residuals: tuple[float, float], now: float, name: str = KKT) -> Status:
     """Return the status of a run of a given duration that is not settled at its end.
 
     Examples
@@ -162,7 +169,7 @@ def completed(residuals: tuple[float, float], now: float) -> Status:
     >>> str(completed((0.0, 0.3), 25.0))
     'completed after 25 unit time constants, the given duration: KKT residual 3.0e-01'
     """
-    message = f"completed after {now:.6g} unit time constants, the given duration: KKT residual"
+    message = f"completed after {now:.6g} unit time constants, the given duration: {name}"
     message = f"{message} {max(residuals):.1e}"
     return Status(outcome=Outcome.COMPLETED, message=message, neuron=None, time=now)
 
@@ -239,16 +246,18 @@ def swinging(network: Network, states: np.ndarray) -> str:
     return f"neuron {network.label(widest)} continued to oscillate by {swing[widest]:.3g}"
 
 
-def stalled(residuals: tuple[float, float], now: float, why: str, advice: str) -> Status:
+def stalled(
+    residuals: tuple[float, float], now: float, why: str, advice: str, name: str = KKT
+) -> Status:
     """Return the status of a run without further headway, with evidence and advice."""
-    message = f"stalled {_reached(residuals, now)}, {why}; {advice}"
+    message = f"stalled {_reached(residuals, now, name)}, {why}; {advice}"
     return Status(outcome=Outcome.STALLED, message=message, neuron=None, time=now)
 
 
-def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
+def stopped(residuals: tuple[float, float], now: float, why: str, name: str = KKT) -> Status:
     """Return the status of an interrupted run; ``why`` is the reason, as a clause."""
     next_step = EXPLANATIONS[Outcome.STOPPED].next_step
-    message = f"stopped {_reached(residuals, now)} ({why}); {next_step}"
+    message = f"stopped {_reached(residuals, now, name)} ({why}); {next_step}"
     return Status(outcome=Outcome.STOPPED, message=message, neuron=None, time=now)
 
 
@@ -268,13 +277,13 @@ def unbounded(why: str, now: float) -> Status:
     return Status(outcome=Outcome.UNBOUNDED, message=f"unbounded: {why}", neuron=None, time=now)
 
 
-def not_settled(residuals: tuple[float, float], now: float, bound: str) -> Status:
+def not_settled(residuals: tuple[float, float], now: float, bound: str, name: str = KKT) -> Status:
     """Return the status of a run that reached a bound before it settled.
 
     The message mentions the constraint residual if it exceeds `UNMET`, since the target may be out
     of reach. ``bound`` is the number of steps or the time allowed.
     """
-    message = f"not settled within {bound} (s = {now:.4g}): KKT residual {max(residuals):.1e}"
+    message = f"not settled within {bound} (s = {now:.4g}): {name} {max(residuals):.1e}"
     if not residuals[0] < UNMET:
         next_step = EXPLANATIONS[Outcome.NOT_SETTLED].next_step
         message += f"; constraints are not satisfied: {next_step}"
@@ -318,6 +327,6 @@ def with_growth(
     return replace(status, message=message)
 
 
-def _reached(residuals: tuple[float, float], now: float) -> str:
+def _reached(residuals: tuple[float, float], now: float, name: str) -> str:
     """Return a clause on the residual and time reached."""
-    return f"after {now:.4g} unit time constants: KKT residual {max(residuals):.1e}"
+    return f"after {now:.4g} unit time constants: {name} {max(residuals):.1e}"

@@ -129,6 +129,31 @@ def test_no_suspicion_where_they_are_met():
     assert text == "not settled within 900 steps (s = 1): KKT residual 5.0e-01"
 
 
+def leak(weight: float) -> Network:
+    """x' = weight x + 1, wired by hand."""
+    wires = (
+        Connection(source="x", target="x", weight=weight),
+        Connection(source=ONE, target="x"),
+    )
+    return Network(cell=Cell(neurons=(Neuron(name="x"),), connections=wires), stages=1)
+
+
+@pytest.mark.parametrize(
+    ("backend", "words"),
+    [
+        (OdeBackend(), "settled after"),
+        (OdeBackend(duration=1.0), "completed after 1 unit time constants"),
+        (RecurrentBackend(), "settled after"),
+        (RecurrentBackend(limit=2), "not settled within 2 steps"),
+    ],
+)
+def test_a_network_wired_by_hand_has_a_residual_without_kkt_conditions(backend, words):
+    text = str(backend.run(leak(-1.0)).status)
+    assert text.startswith(words)
+    assert ": residual " in text
+    assert "KKT" not in text
+
+
 # Advice: a network can follow it, and where it is followed the run settles.
 
 

@@ -296,8 +296,9 @@ def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts
     network, x, steps = batch.network, batch.states[0], int(batch.steps[0])
     constraint, stationarity = batch.residuals[0].tolist()
     outcome, residuals = batch.outcomes[0], (constraint, stationarity)
+    name = status.residual_name(network)
     if outcome is Outcome.SETTLED:
-        return status.settled(max(residuals), now)
+        return status.settled(max(residuals), now, name)
     if outcome is Outcome.DIVERGED:
         return status.diverged(network, x, now, f"after {steps} steps")
     if outcome is Outcome.LEFT_DOMAIN:
@@ -307,10 +308,10 @@ def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts
         advice = status.DAMPING if swings else status.elsewhere(network)
         advice = advice if adapts else f"use {SHORTER}; else {advice}"
         why = swings or f"the last of {steps} steps did not reduce it"
-        return status.stalled(residuals, now, why, advice)
+        return status.stalled(residuals, now, why, advice, name)
     if outcome is Outcome.STOPPED:
-        return status.stopped(residuals, now, why)
-    return status.not_settled(residuals, now, f"{steps} steps (limit)")
+        return status.stopped(residuals, now, why, name)
+    return status.not_settled(residuals, now, f"{steps} steps (limit)", name)
 
 
 def _left_domain(network: Network, x: np.ndarray, now: float) -> Status:
