@@ -135,7 +135,7 @@ def picture(subject: str, rows: dict[str, Row], ends: dict[str, FormEnd]):
     axes.set(xlim=(0, 1), ylim=(len(order), -1.8))
     axes.axis("off")
     for head, x, side in COLUMNS:
-        axes.text(x, -0.35, head, ha=side, va="bottom", fontsize=8, color=style.GREY)
+        axes.text(x, -0.58, head, ha=side, va="bottom", fontsize=8, color=style.GREY)
     for line, form in enumerate(order):
         end = ends[form]
         axes.axhspan(line - 0.42, line + 0.42, color=COLOURS[end], alpha=0.18, lw=0)

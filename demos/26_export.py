@@ -18,6 +18,7 @@ import csv
 import json
 import subprocess
 import tempfile
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -321,7 +322,7 @@ def curves(figure, errors: dict[str, Errors]) -> None:
 
 def table(figure, rows: list[Row]) -> None:
     """Draw a line per format: size, export time, control error, and omitted parts."""
-    panels = figure.subplots(1, 4, sharey=True, width_ratios=(3, 3, 5, 6))
+    panels = figure.subplots(1, 4, sharey=True, width_ratios=(3, 3, 5, 8))
     size, seconds, error, words = panels
     for place, row in enumerate(rows):
         colour = next(c for c, (_, names) in KINDS.items() if row.name in names)
@@ -338,11 +339,11 @@ def table(figure, rows: list[Row]) -> None:
             )  # fmt: skip
         head, ink = ("not supported: ", style.VERMILION) if row.why_not else ("", style.INK)
         lost = FORMATS[row.name].loses.replace("`", "")
-        words.text(0, place, head + lost, va="center", fontsize=8, color=ink)
+        words.text(0, place, textwrap.fill(head + lost, 88), va="center", fontsize=6.5, color=ink)
     size.set_yticks(range(len(rows)), [row.name for row in rows])
     size.set_ylim(len(rows) - 0.4, -0.6)
-    size.set_xlabel("size of all files (kB)")
-    seconds.set(xlabel="export time (s)", xscale="log")
+    size.set_xlabel("size of all\nfiles (kB)")
+    seconds.set(xlabel="export\ntime (s)", xscale="log")
     error.set(
         xlabel="control error of the exported network\n(relative to the largest; no dot: not run)",
         xscale="log", xlim=(UNSEEN / 5, 1), xticks=10.0 ** np.arange(-15, 0, 3),

@@ -138,7 +138,7 @@ FORMATS: dict[str, Format] = {
         contents=f"{VECTOR} capacitors.csv capacitors.json network.npz",
         run=capacitors_check,
         carries="every weight and time constant as a ratio",
-        loses="the rounding errors to whole units, which are reported",
+        loses="digits beyond whole units (the rounding is reported)",
     ),
     "analog_computer": Format(
         title="integrators, multipliers and coefficients of REDAC-like computers",
@@ -162,8 +162,8 @@ FORMATS: dict[str, Format] = {
         write=hdl_files,
         contents="*",
         run=hdl_check,
-        carries="the same integers",
-        loses="the same",
+        carries="the integers of `c99`",
+        loses="as in `c99`",
     ),
     "diagram": Format(
         title="the cell or the array as a diagram, SVG and PDF",
