@@ -25,7 +25,7 @@ import numpy as np
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Table
-from ann_dc.study.shipped import FACTORS, boundaries, settling_against_gains
+from ann_dc.study.library import FACTORS, boundaries, settling_against_gains
 
 KINDS = {
     "resistive-grid": ("resistive grid", style.GREEN, "v"),
@@ -58,7 +58,7 @@ def main(
     tables: dict[str, dict[str, Table]] = {}
     found: dict[str, dict[str, tuple[float, ...]]] = {}
     for kind in kinds:
-        studies = settling_against_gains(subject, kind=kind, factors=factors, gains=gains)
+        studies = settling_against_gains(subject, preconditioner=kind, factors=factors, gains=gains)
         tables[kind] = {gain: study.run(workers=workers) for gain, study in studies.items()}
         found[kind] = {gain: boundaries(table, gain) for gain, table in tables[kind].items()}
         print(as_text(kind, tables[kind], found[kind]))

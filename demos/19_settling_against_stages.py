@@ -25,7 +25,7 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Exponent, exponent_of
-from ann_dc.study.shipped import SIZES, median_rho, settling_against_horizon
+from ann_dc.study.library import SIZES, median_rho, settling_against_horizon
 
 KINDS = {
     "cyclic-reduction": ("cyclic reduction", style.GREEN, "v"),
@@ -79,7 +79,7 @@ def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
     studies = settling_against_horizon(
         plant,
         sizes=sizes,
-        kind="diagonal" if kind == "kept" else kind,
+        preconditioner="diagonal" if kind == "kept" else kind,
         rho=rho_of_nine(plant) if kind == "kept" else None,
     )
     tables = [study.run(workers=0) for study in studies.values()]

@@ -26,7 +26,7 @@ import numpy as np
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Table
-from ann_dc.study.shipped import SHARES, settling_against_steps
+from ann_dc.study.library import SHARES, settling_against_steps
 
 CARS = {
     "input.q_0.x": (-0.5, 0.5),
@@ -107,7 +107,7 @@ def main(
     limits: dict[str, np.ndarray] = {}
     for kind in kinds:
         studies = settling_against_steps(
-            subject, vary=ranges, kind=kind, samples=samples, shares=shares
+            subject, vary=ranges, preconditioner=kind, samples=samples, shares=shares
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # steps above the limit are intended

@@ -22,7 +22,7 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Table, Yield
-from ann_dc.study.shipped import BOARD, FIGURES, SPEC, spot_check, yield_curves
+from ann_dc.study.library import BOARD, FIGURES, SPEC, spot_check, yield_curves
 
 BOARDS = 60
 """Number of circuit instances per value."""

@@ -86,7 +86,7 @@ def main(
     maps = {}
     for name, (ranges, spread, *_) in MAPS.items():
         places = {f"input.{n}": np.linspace(*ends, side).tolist() for n, ends in ranges.items()}
-        vary = {**places, "start.spread": [spread]}
+        vary = {**places, "initial_guess.spread": [spread]}
         map_of_ends = replace(study, subject=name, vary=vary, samples=of_a_map)
         maps[name] = map_of_ends.run(workers=workers)
         found = ends_of(maps[name])
@@ -126,7 +126,7 @@ def end_of(settled: bool, optimal: bool, cost: float, best: float) -> End:
 def shares(table: Table) -> dict[float, dict[End, float]]:
     """Return the fraction of the runs with each result, by spread of the initial guesses."""
     found: dict[float, list[End]] = {}
-    for spread, end in zip(table["start.spread"], ends_of(table)):
+    for spread, end in zip(table["initial_guess.spread"], ends_of(table)):
         found.setdefault(float(spread), []).append(end)
     return {
         spread: {end: each.count(end) / len(each) for end in End} for spread, each in found.items()

@@ -20,7 +20,7 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Table
-from ann_dc.study.shipped import REALISATIONS, realisations
+from ann_dc.study.library import REALISATIONS, realisations
 
 TARGETS = {"q_d.x": (4.5, 5.5), "q_d.y": (4.5, 5.5)}
 """Ranges of the terminal position (m)."""

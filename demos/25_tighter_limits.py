@@ -23,7 +23,7 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Table
-from ann_dc.study.shipped import tightened
+from ann_dc.study.library import tightened
 
 LIMITS = (0.60, 0.55, 0.50, 0.45, 0.40, 0.35, 0.30)
 """Limits of the steering angle (rad); no plan exceeds the first limit."""

@@ -354,7 +354,7 @@ def test_controls_of_a_slip_are_compared_with_the_corrected_networks():
         ann_dc.load_study(DEMOS / "forms.toml"),
         subject=ann_dc.plants.double_integrator(N=5),
         vary={"design.form": ["corrected", "S7"]},
-        fixed={"design.kind": "diagonal"},
+        fixed={"design.preconditioner": "diagonal"},
     )
     corrected, slip = study.run(workers=0).rows()
     assert corrected["control_error"] < 1e-6
@@ -445,7 +445,7 @@ def test_a_convex_problem_has_one_basin():
     study = replace(
         ann_dc.load_study(DEMOS / "basin.toml"),
         subject="double_integrator",
-        vary={"input.q_d.x": [0.5, 1.0], "start.spread": [0.1, 10.0]},
+        vary={"input.q_d.x": [0.5, 1.0], "initial_guess.spread": [0.1, 10.0]},
         samples=3,
     )
     assert len(study) == 12

@@ -1,4 +1,4 @@
-from . import shipped as shipped
+from . import library as library
 from .exponents import Exponent as Exponent, exponent_of as exponent_of
 from .metrics import Metric as Metric
 from .records import Row as Row

@@ -52,7 +52,7 @@ from ann_dc.study.settings import ALONE, Subject, behind, chosen, is_built
 TOGETHER = ("mismatch", "time_constants")
 """Non-idealities that change only numbers and can be drawn for many cases at once."""
 SPREAD = 0.1
-"""Default standard deviation of ``start.kind = "random"``, as a fraction of a neuron's scale."""
+"""Default standard deviation of a random initial guess, as a fraction of a neuron's scale."""
 
 
 def stream(seed: int, name: str) -> int:
@@ -100,8 +100,8 @@ def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
     if "coarse" in factors:
         if not isinstance(network.preconditioner, Multilevel):
             raise StudyError(
-                "gains.coarse: the preconditioner has no coarse levels; set design.kind to "
-                "multilevel"
+                "gains.coarse: the preconditioner has no coarse levels; set "
+                "design.preconditioner to multilevel"
             )
         gains = tuple(factors["coarse"] * grid for grid in network.preconditioner.gains)
         network = replace(network, preconditioner=replace(network.preconditioner, gains=gains))
@@ -199,7 +199,7 @@ def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Netw
     Raises `StudyError` or `NetworkError` if a value is out of range.
     """
     network = with_inputs(with_gains(designed, behind(setting, "gains")), behind(setting, "input"))
-    if given := behind(setting, "start"):
+    if given := behind(setting, "initial_guess"):
         network = network.with_start(started(network.start_state, given, seed))
     duration = float(setting.get("run.duration", 0.0))
     return with_nonidealities(network, behind(setting, "nonideal"), seed, duration)
@@ -359,8 +359,8 @@ class Realisation:
                 "use tracking_error"
             )
         given = chosen(setting, "problem", "input")
-        if "design.kind" in setting:
-            given["design.kind"] = setting["design.kind"]
+        if "design.preconditioner" in setting:
+            given["design.preconditioner"] = setting["design.preconditioner"]
         if is_built(setting):  # whose design it shares
             given["circuit.level"] = "macro"
 
@@ -382,8 +382,8 @@ def _settled_design(
 
     Raises `StudyError` if it did not settle.
     """
-    if "kind" in factors:
-        kinds = (KINDS[str(factors.pop("kind"))],)
+    if "preconditioner" in factors:
+        kinds = (KINDS[str(factors.pop("preconditioner"))],)
     source = problem if form == CORRECTED else synthesize(decompose(problem, form))
     made = design(source, preconditioner=kinds, gain_rule=_gain_rule(kinds, factors))
     if not made.settled:
@@ -400,8 +400,8 @@ def _gain_rule(
         return None
     if len(kinds) > 1:
         raise StudyError(
-            f"design.{next(iter(given))}: a factor of the gain rule needs design.kind, one of "
-            f"{', '.join(KINDS)}"
+            f"design.{next(iter(given))}: a factor of the gain rule needs "
+            f"design.preconditioner, one of {', '.join(KINDS)}"
         )
     kind = next(iter(kinds))
     base = DIAGONAL_RULE if kind is PreconditionerKind.DIAGONAL else GainRule()

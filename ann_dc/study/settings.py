@@ -194,7 +194,7 @@ TIMED = ("ode", "spice")
 """Backends whose runs can have a given duration."""
 OF_NETWORKS = (
     "nonideal.",
-    "start.",
+    "initial_guess.",
     "run.method",
     "run.order",
     "run.step",
@@ -246,7 +246,7 @@ def _design(subject: Subject) -> Iterable[str]:
     if subject.problem is None:
         return ()
     factors = [f.name for f in fields(GainRule) if f.type == "float"]
-    return ("form", "kind", *factors)
+    return ("form", "preconditioner", *factors)
 
 
 def _gains(subject: Subject) -> Iterable[str]:
@@ -265,12 +265,12 @@ FAMILIES: dict[str, Family] = {
     "problem": Family(
         Effect.PROBLEM, "parameters and boundary conditions of the problem", lambda s: s.parameters
     ),
-    "design": Family(Effect.DESIGN, "form, preconditioner kind, factors of the gain rule", _design),
+    "design": Family(Effect.DESIGN, "form, preconditioner, factors of the gain rule", _design),
     "gains": Family(
         Effect.NUMBERS, "factors on penalties, time constants, coarse-level gains", _gains
     ),
     "input": Family(Effect.NUMBERS, "inputs; gains are fixed", lambda s: s.wired.cell.inputs),
-    "start": Family(Effect.NUMBERS, "initial guess", lambda _: ("kind", "spread")),
+    "initial_guess": Family(Effect.NUMBERS, "initial guess", lambda _: ("kind", "spread")),
     "nonideal": Family(Effect.NUMBERS, "non-idealities of the ideal network", lambda _: NONIDEAL),
     "circuit": Family(Effect.PARTS, "level, parts and bandwidth margin of a circuit", _datasheet),
     "tolerance": Family(
@@ -290,8 +290,8 @@ FAMILIES: dict[str, Family] = {
 """Families by the first part of their names."""
 WORDS: dict[str, Iterable[str]] = {
     "design.form": ("corrected", "printed", *SWITCHES),
-    "design.kind": KINDS,
-    "start.kind": STARTS,
+    "design.preconditioner": KINDS,
+    "initial_guess.kind": STARTS,
     "circuit.level": LEVELS,
     "circuit.series": SERIES,
     "run.backend": BACKENDS,
@@ -371,10 +371,10 @@ def is_drawn(setting: Mapping[str, Value]) -> bool:
     >>> is_drawn({"nonideal.mismatch": 0.01}), is_drawn({"nonideal.mismatch": 0.0})
     (True, False)
     """
-    start = behind(setting, "start")
+    guess = behind(setting, "initial_guess")
     sizes = [setting.get(name) for name in DRAWN]
-    if start.get("kind", "random") == "random":
-        sizes.append(start.get("spread", 1.0 if start else 0.0))
+    if guess.get("kind", "random") == "random":
+        sizes.append(guess.get("spread", 1.0 if guess else 0.0))
     positive = (isinstance(size, (int, float)) and size > 0 for size in sizes)
     return bool(chosen(setting, "tolerance")) or any(positive)
 

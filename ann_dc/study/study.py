@@ -156,7 +156,7 @@ class Study(Record):
             raise StudyError(
                 f"samples: {what}, so {self.samples} samples would be {self.samples} equal "
                 "records; omit samples, or add random settings: a range (low, high) of a "
-                f"setting, {', '.join(DRAWN)}, tolerance.* or start.kind = 'random'"
+                f"setting, {', '.join(DRAWN)}, tolerance.* or initial_guess.kind = 'random'"
             )
 
     def _check_settings(self, subject: Subject) -> None:

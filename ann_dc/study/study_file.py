@@ -17,7 +17,7 @@ Nothing in the file is executed::
     gains.rho = {low = 0.1, high = 10, log = true, count = 9}   # nine values instead of samples
 
     [fixed]                        # optional
-    design.kind = "multilevel"
+    design.preconditioner = "multilevel"
 
     [spec]                         # optional: limits, or [smallest, largest]
     control_error = 0.05

@@ -310,11 +310,13 @@ def _inputs(points: Sequence[Point]) -> dict[str, np.ndarray]:
 
 def _starts(points: Sequence[Point], network: Network) -> np.ndarray | None:
     """Return initial states (B, n); None if all use the interpolated initial guess."""
-    if not behind(points[0].setting, "start"):
+    if not behind(points[0].setting, "initial_guess"):
         return None
     lines = moved_starts(network, input_batch(network, _inputs(points)))
     lines = np.broadcast_to(lines, (len(points), network.size))
-    return np.stack([started(x, behind(p.setting, "start"), p.seed) for x, p in zip(lines, points)])
+    return np.stack(
+        [started(x, behind(p.setting, "initial_guess"), p.seed) for x, p in zip(lines, points)]
+    )
 
 
 def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None, list[int]]:

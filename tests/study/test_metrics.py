@@ -31,7 +31,9 @@ def test_settling_is_verified_and_predicted_at_the_tolerance_of_the_run(toleranc
 
 def test_the_tail_falls_as_the_slowest_mode():
     metrics = ["measured_decay_rate", "predicted_decay_rate", "resting_decay_rate"]
-    (row,) = rows(metrics=metrics, fixed={"run.tolerance": 1e-8, "design.kind": "diagonal"})
+    (row,) = rows(
+        metrics=metrics, fixed={"run.tolerance": 1e-8, "design.preconditioner": "diagonal"}
+    )
     measured, predicted, saturated = (row[name] for name in metrics)
     assert measured == pytest.approx(predicted, rel=0.25)
     assert saturated == pytest.approx(predicted, rel=1e-6)
@@ -76,7 +78,7 @@ def test_seconds_of_a_network_and_of_its_circuit_tell_the_same_event():
 
 
 def test_control_errors_where_a_factor_of_the_recipe_is_set_beside_a_circuit():
-    given = {"circuit.level": "macro", "problem.N": 5, "design.kind": "diagonal"}
+    given = {"circuit.level": "macro", "problem.N": 5, "design.preconditioner": "diagonal"}
     (row,) = rows(metrics=["control_error"], fixed=given | {"design.penalty": 0.5})
     assert 0 < row["control_error"] < 1e-3
 

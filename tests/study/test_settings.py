@@ -122,7 +122,7 @@ def test_metrics_and_specs_are_known():
             "applies to parts, but no circuit is run",
         ),
         ({"nonideal.mismatch": 0.1, "circuit.level": "macro"}, "changes the ideal network"),
-        ({"start.kind": "zero", "tolerance.resistor": 0.1}, "changes the ideal network"),
+        ({"initial_guess.kind": "zero", "tolerance.resistor": 0.1}, "changes the ideal network"),
         ({"run.tolerance": 1e-3, "run.backend": "spice"}, "changes the ideal network"),
         ({"run.order": "two-phase"}, "'recurrent' only"),
         ({"nonideal.mismatch": -0.1}, "of at least 0"),

@@ -93,7 +93,7 @@ def test_words_may_change(tmp_path):
 def test_what_failed_is_done_again_when_asked(tmp_path):
     study = Study(
         subject=ann_dc.plants.double_integrator(N=3),
-        vary={"design.kind": ["multilevel", "diagonal"]},
+        vary={"design.preconditioner": ["multilevel", "diagonal"]},
         fixed={"gains.coarse": 2.0},  # time constants have no coordinators
         metrics=["neurons"],
     )
@@ -150,7 +150,7 @@ def test_what_travels_is_the_study(table):
     assert pickle.loads(pickle.dumps(declared)).identity() == declared.identity()
 
 
-KINDS = {"design.kind": ["multilevel", "diagonal"]}
+KINDS = {"design.preconditioner": ["multilevel", "diagonal"]}
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ KINDS = {"design.kind": ["multilevel", "diagonal"]}
         {"vary": KINDS},
         {"vary": {"gains.rho": [0.3, 1]}},
         {"vary": {MISMATCH: [0.0]}},
-        {"vary": KINDS, "fixed": {"start.kind": "line"}},
+        {"vary": KINDS, "fixed": {"initial_guess.kind": "line"}},
         {"vary": {"seed": [1, 2], MISMATCH: [0.1]}},
     ],
 )
@@ -172,8 +172,8 @@ def test_samples_that_would_all_be_the_same_are_refused(given):
     "given",
     [
         {"vary": {MISMATCH: [0.0, 0.1]}},
-        {"vary": KINDS, "fixed": {"start.spread": 0.1}},
-        {"vary": {"start.kind": ["line", "random"]}},
+        {"vary": KINDS, "fixed": {"initial_guess.spread": 0.1}},
+        {"vary": {"initial_guess.kind": ["line", "random"]}},
         {"vary": {"tolerance.resistor": [0.01]}},
         {"vary": {"gains.rho": (0.3, 3.0)}},
         {"vary": KINDS, "metrics": [Metric(name="drawn", value=lambda sample: sample.point.seed)]},

@@ -27,7 +27,7 @@ input.q_d.x = {low = 3, high = 7}
 "gains.rho" = {low = 0.1, high = 10, log = true, count = 3}
 
 [fixed]
-design.kind = "multilevel"
+design.preconditioner = "multilevel"
 
 [spec]
 control_error = 0.05
@@ -51,7 +51,7 @@ def test_every_field_of_a_file(tmp_path):
             "input.q_d.x": (3, 7),
             "gains.rho": study.plan.listed["gains.rho"],
         },
-        fixed={"design.kind": "multilevel"},
+        fixed={"design.preconditioner": "multilevel"},
         spec={"control_error": 0.05, "settling_time": (0, 60)},
     )  # fmt: skip
     assert study.identity() == same.identity()

@@ -87,7 +87,7 @@ def test_a_wiring_without_code_runs_alone_too():
 def test_twice_the_time_constants_settle_in_twice_the_time():
     study = Study(
         subject="double_integrator", vary={"gains.tau": [1.0, 2.0, 4.0]},
-        fixed={"design.kind": "diagonal"},
+        fixed={"design.preconditioner": "diagonal"},
         metrics=["settling_time", "predicted_decay_rate", "spectral_ratio"],
     )  # fmt: skip
     found = rows(study)
@@ -111,7 +111,7 @@ def test_defects_that_add_neurons_run_one_by_one():
     assert all(row["resting_decay_rate"] > 0 for row in found)
     poles = Study(
         subject="double_integrator",
-        fixed={"nonideal.extra_pole": 1e2, "design.kind": "diagonal", "problem.N": 3},
+        fixed={"nonideal.extra_pole": 1e2, "design.preconditioner": "diagonal", "problem.N": 3},
         metrics=["neurons", "resting_decay_rate"],
     )  # fmt: skip
     (row,) = rows(poles)
@@ -158,7 +158,7 @@ def test_a_point_that_fails_is_a_row_that_says_why():
     assert re.search(r"time constant .* must be positive", bad["message"])
     wrong = Study(
         subject=ann_dc.plants.double_integrator(N=3),
-        vary={"design.kind": ["multilevel", "diagonal"]},
+        vary={"design.preconditioner": ["multilevel", "diagonal"]},
         fixed={"gains.coarse": 1.0},  # time constants have no coordinators
         metrics=["neurons"],
     )

@@ -28,13 +28,13 @@ def test_what_failed_or_is_missing_does_not_pass():
 SEEDS = np.tile([3, 5, 7, 9], 2)
 MISMATCH = "nonideal.mismatch"
 SETTINGS = {
-    "a defect under two words": ({MISMATCH: [0.01] * 8, "design.kind": [*"aaaabbbb"]}, 4),
-    "a defect of size zero": ({MISMATCH: [0.0] * 8, "design.kind": [*"aaaabbbb"]}, 0),
+    "a defect under two words": ({MISMATCH: [0.01] * 8, "design.preconditioner": [*"aaaabbbb"]}, 4),
+    "a defect of size zero": ({MISMATCH: [0.0] * 8, "design.preconditioner": [*"aaaabbbb"]}, 0),
     "sizes zero and one percent": ({MISMATCH: [0.0] * 4 + [0.01] * 4}, 4),
     "places in a range": ({"input.q_d.x": np.arange(8.0)}, 4),
     "tolerances": ({"tolerance.resistor": [0.01] * 8}, 4),
-    "random starts": ({"start.spread": [0.1] * 8}, 4),
-    "starts on the line": ({"start.kind": ["line"] * 8}, 0),
+    "random starts": ({"initial_guess.spread": [0.1] * 8}, 4),
+    "starts on the line": ({"initial_guess.kind": ["line"] * 8}, 0),
     "nothing set": ({}, 0),
 }
 

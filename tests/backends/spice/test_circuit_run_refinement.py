@@ -198,7 +198,7 @@ def test_sampled_circuits_and_studies_are_timed_by_finer_steps():
     study = Study(
         subject=PROBLEMS["double_integrator"](),
         vary={"run.backend": ["emulation", "spice"]},
-        fixed={"circuit.level": "macro", "design.kind": "diagonal"},
+        fixed={"circuit.level": "macro", "design.preconditioner": "diagonal"},
         metrics=["seconds", "control_settling_time"],
     )
     emulated, simulated = study.run(workers=0)["seconds"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.study.shipped.settling import settling_against_steps
+from ann_dc.study.library.settling import settling_against_steps
 
 PLANT = ann_dc.plants.double_integrator(N=5)
 

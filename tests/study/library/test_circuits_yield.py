@@ -7,7 +7,7 @@ import ann_dc
 from ann_dc.errors import StudyError
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.study.shipped.circuits import BOARD, spot_check, yield_curves
+from ann_dc.study.library.circuits import BOARD, spot_check, yield_curves
 
 PLANT = "double_integrator"
 SPEC = {"control_error": 0.03, "slowest_mode_seconds": 1e-3}

@@ -8,7 +8,7 @@ import sympy as sp
 from reference import ipopt
 
 import ann_dc
-from ann_dc.study.shipped.settling import tightened
+from ann_dc.study.library.settling import tightened
 
 LIMITS = [100.0, 3.0, 2.6]
 

@@ -48,7 +48,7 @@ BY_SPECTRUM = metric_of(settling_by_spectrum, "tau_min")
 def settling_against_gains(
     subject: str | OptimalControlProblem | Network,
     *,
-    kind: str = "multilevel",
+    preconditioner: str = "multilevel",
     factors: Sequence[float] = FACTORS,
     gains: Sequence[str] | None = None,
 ) -> dict[str, Study]:
@@ -60,9 +60,9 @@ def settling_against_gains(
     Parameters
     ----------
     subject : str, OptimalControlProblem or Network
-        Plant name, problem or network. A network retains its preconditioner regardless of `kind`.
-    kind : str
-        Preconditioner kind, a value of 'design.kind'. Default "multilevel" (additive multilevel).
+        Plant name, problem or network. A network keeps its own preconditioner.
+    preconditioner : str
+        Preconditioner of the design. Default "multilevel" (additive multilevel).
     factors : sequence of float
         Positive factors in ascending order. Default: 0.01 to 100.
     gains : sequence of str, optional
@@ -78,7 +78,7 @@ def settling_against_gains(
     --------
     >>> study = settling_against_gains("car", factors=[0.5, 1.0, 2.0])["tau.mu"]
     >>> len(study), study.columns[2:4]
-    (3, ('design.kind', 'gains.tau.mu'))
+    (3, ('design.preconditioner', 'gains.tau.mu'))
     """
     if gains is None:
         neurons = subject_of(subject).wired.cell.neurons
@@ -87,7 +87,7 @@ def settling_against_gains(
         gain: Study(
             subject=subject,
             vary={f"gains.{gain}": list(factors)},
-            fixed={} if isinstance(subject, Network) else {"design.kind": kind},
+            fixed={} if isinstance(subject, Network) else {"design.preconditioner": preconditioner},
             metrics=("normalised_settling_time", BY_SPECTRUM, "resting_decay_rate"),
             title=f"Settling against {gain}",
         )
@@ -149,7 +149,7 @@ def settling_against_horizon(
     *,
     sizes: Iterable[int] = SIZES,
     duration: float | None = None,
-    kind: str = "cyclic-reduction",
+    preconditioner: str = "cyclic-reduction",
     rho: float | None = None,
 ) -> dict[int, Study]:
     """Declare a study of one case per number of stages, at constant duration.
@@ -162,8 +162,8 @@ def settling_against_horizon(
         Numbers of stages N. Default: 9 to 1152, doubling.
     duration : float, optional
         Duration of the horizon in the plant's time. By default N times dt of the subject.
-    kind : str
-        Preconditioner kind, a value of 'design.kind'. Default "cyclic-reduction".
+    preconditioner : str
+        Preconditioner of the design. Default "cyclic-reduction".
     rho : float, optional
         Penalty of every network, the median over its dual neurons as in `median_rho`. By default
         each design chooses its rho.
@@ -198,7 +198,11 @@ def settling_against_horizon(
     seconds = problem.horizon * problem.dt if duration is None else duration
     studies = {}
     for N in sizes:
-        fixed: dict[str, Value] = {"problem.N": N, "problem.dt": seconds / N, "design.kind": kind}
+        fixed: dict[str, Value] = {
+            "problem.N": N,
+            "problem.dt": seconds / N,
+            "design.preconditioner": preconditioner,
+        }
         if rho is not None:
             designed = Realisation(subject_of(subject)).designed(fixed).network
             fixed["gains.rho"] = rho / median_rho(designed)
@@ -247,7 +251,7 @@ def settling_against_steps(
     subject: str | OptimalControlProblem,
     *,
     vary: Mapping[str, Any],
-    kind: str = "multilevel",
+    preconditioner: str = "multilevel",
     samples: int = 100,
     shares: Sequence[float] = SHARES,
     limit: int = 3000,
@@ -264,8 +268,8 @@ def settling_against_steps(
     vary : mapping of str to pair
         Ranges of sampled settings, such as ``{"input.q_d.x": (4, 6)}``. Random initial guesses and
         targets are equal in all studies.
-    kind : str
-        Preconditioner kind, a value of 'design.kind'. Default "multilevel" (additive multilevel).
+    preconditioner : str
+        Preconditioner of the design. Default "multilevel" (additive multilevel).
     samples : int
         Number of samples. Default 100.
     shares : sequence of float
@@ -290,14 +294,18 @@ def settling_against_steps(
     >>> len(studies.adaptive), len(studies.fixed) // len(SHARES)
     (30, 30)
     """
-    designed = Realisation(subject_of(subject)).designed({"design.kind": kind})
+    designed = Realisation(subject_of(subject)).designed({"design.preconditioner": preconditioner})
     longest = spectrum(designed.network, designed.settled).largest_step
 
     def study(steps: Sequence[float | str], words: str, *further: str) -> Study:
         return Study(
             subject=subject,
             vary={"run.order": list(ORDERS), "run.step": list(steps), **vary},
-            fixed={"design.kind": kind, "run.backend": "recurrent", "run.limit": limit},
+            fixed={
+                "design.preconditioner": preconditioner,
+                "run.backend": "recurrent",
+                "run.limit": limit,
+            },
             samples=samples,
             metrics=("settling_steps", "settling_time", *further),
             title=f"Update orders with {words} steps",

@@ -122,7 +122,7 @@ def spot_check(
 
     Examples
     --------
-    >>> from ann_dc.study.shipped import spot_check
+    >>> from ann_dc.study.library import spot_check
     >>> [point.setting["run.backend"] for point in spot_check("car", samples=2).points()]
     ['emulation', 'emulation', 'spice', 'spice']
     """
@@ -145,7 +145,7 @@ REALISATIONS: dict[str, dict[str, Value]] = {
     "op amps, ngspice": {"run.backend": "spice", "circuit.level": "macro"},
 }
 """Settings by realisation."""
-COMMON: dict[str, Value] = {"design.kind": "diagonal"}
+COMMON: dict[str, Value] = {"design.preconditioner": "diagonal"}
 """Preconditioner that all realisations support."""
 
 

@@ -6,7 +6,7 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.study.shipped.settling import median_rho, settling_against_horizon
+from ann_dc.study.library.settling import median_rho, settling_against_horizon
 
 
 def test_stages_get_shorter_as_there_are_more():
@@ -18,7 +18,7 @@ def test_stages_get_shorter_as_there_are_more():
 
 def test_a_penalty_is_the_same_for_every_number_of_stages():
     plant = ann_dc.plants.double_integrator()
-    studies = settling_against_horizon(plant, sizes=[4, 6], kind="diagonal", rho=0.7)
+    studies = settling_against_horizon(plant, sizes=[4, 6], preconditioner="diagonal", rho=0.7)
     for study in studies.values():
         names = {name.partition(".")[2]: value for name, value in study.fixed.items()}
         problem = study.subject.declared({"N": names["N"], "dt": names["dt"]})

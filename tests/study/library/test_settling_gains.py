@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.study.shipped.settling import boundaries, settling_against_gains
+from ann_dc.study.library.settling import boundaries, settling_against_gains
 from ann_dc.study.table import Table
 
 

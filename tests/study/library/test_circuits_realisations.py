@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ann_dc.study.shipped.circuits import REALISATIONS, realisations
+from ann_dc.study.library.circuits import REALISATIONS, realisations
 
 
 @pytest.mark.slow
