@@ -19,6 +19,9 @@ BLUE, RED, GREEN, ORANGE, VIOLET, GREY = (
     "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#777777",
 )  # fmt: skip
 """Colours that remain distinct for colour-blind readers (Okabe and Ito)."""
+COLOURS = (BLUE, RED, GREEN, ORANGE, VIOLET)
+"""Colours of settings or outcomes, in this order."""
+INK = "#111111"
 DRAWN = 2000
 """Largest number of drawn cases; counts and fits use all cases."""
 HEIGHT = 360

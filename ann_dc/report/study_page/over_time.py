@@ -8,19 +8,8 @@ import numpy as np
 
 from ann_dc.report.statistics import Findings
 from ann_dc.report.study_columns import combinations, is_clustered
-from ann_dc.report.study_page.figure import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    RED,
-    VIOLET,
-    Figure,
-    listed,
-    plain_axis,
-    shown,
-)
+from ann_dc.report.study_page.figure import COLOURS, Figure, listed, plain_axis, shown
 
-COLOURS = (BLUE, RED, GREEN, ORANGE, VIOLET)
 SAMPLES, GRID = 200, 120
 """Numbers of drawn samples of a trajectory, and of times of a median."""
 LEAST = 3
@@ -119,7 +108,7 @@ def _figure(name: str, categories: list[Category]) -> Figure:
     clustered = any(np.isnan(part.median).any() for part in categories)
     return Figure(
         title=f"{name} over time",
-        says=f"Curves of {len(curves)} of the points that keep any."
+        says=f"Curves of {len(curves)} points with stored trajectories."
         + " Thick: median by category." * has_medians
         + " No median if curves form two clusters." * clustered,
         traces=traces,

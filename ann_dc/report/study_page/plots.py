@@ -8,14 +8,21 @@ from typing import Any
 import numpy as np
 
 from ann_dc.report.statistics import Findings, Prediction
-from ann_dc.report.study_columns import Band, Column, band, combinations, is_clustered
+from ann_dc.report.study_columns import (
+    Band,
+    Column,
+    Combination,
+    band,
+    combinations,
+    is_clustered,
+)
 from ann_dc.report.study_page.figure import (
     BLUE,
+    COLOURS,
     GREEN,
     GREY,
-    ORANGE,
+    INK,
     RED,
-    VIOLET,
     Figure,
     axis,
     drawn,
@@ -30,9 +37,10 @@ from ann_dc.study.records import OUTCOME
 
 CELLS = 60
 """Largest number of different setting values with one row or column each in a map."""
-DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
-LINES = len(DASHES)
-"""Largest number of combinations of other settings with one line each."""
+LINES = len(COLOURS)
+"""Largest number of combinations of other settings with one line and colour each."""
+SYMBOLS = ("circle", "x", "diamond", "square", "triangle-up")
+"""Markers of outcomes if colours show combinations of settings."""
 STRIP = 8
 """Cases per text value up to which no box is drawn."""
 FILLED = 0.6
@@ -42,68 +50,69 @@ FILLED = 0.6
 def over_numbers(found: Findings, metric: Column, setting: Column) -> Figure | None:
     """Plot a metric over a numeric setting: cases, medians, bands of 5 to 95 %.
 
-    Every combination of the other settings has a line, up to `LINES`; with more, no lines are
-    drawn. A line has a gap at cases that form two clusters. Return None without cases.
+    Every combination of the other settings has a line in its colour, up to `LINES`; with more, no
+    lines are drawn. A line has a gap at cases that form two clusters. Return None without cases.
     """
     known = np.flatnonzero(metric.finite & setting.finite)
     if not len(known):
         return None
     values, limit = metric.as_numbers[known], found.limit_of(metric)
     some = drawn(known, keep=known[[np.argmin(values), np.argmax(values)]])
-    lines, more = _lines(found, setting, metric, known)
+    others = [one for one in found.varied if one is not setting]
+    parts = combinations(others, known, LINES)
+    lines, more = _lines(setting, metric, parts)
+    labelled = parts if parts is not None and len(parts) > 1 else None
     layout = {
         "xaxis": axis(setting), "yaxis": axis(metric), "shapes": limit_lines(limit, "y"),
     }  # fmt: skip
     return Figure(
         title=f"{metric.name} over {setting.name}",
         says=reported(len(known), len(some), *more, limit=limit),
-        traces=[*_dots(found, setting, metric, some), *lines],
+        traces=[*_dots(found, setting, metric, some, labelled), *lines],
         layout=layout,
     )
 
 
 def _lines(
-    found: Findings, setting: Column, metric: Column, known: np.ndarray
+    setting: Column, metric: Column, parts: list[Combination] | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return lines for all combinations of the other settings, and caption texts."""
-    others = [one for one in found.varied if one is not setting]
-    parts = combinations(others, known, LINES)
     if parts is None:
         return [], ["No lines: too many combinations of other settings"]
     lines, said = [], {}
-    for part, dash in zip(parts, DASHES):
+    for part, colour in zip(parts, COLOURS if len(parts) > 1 else (INK,)):
         x, y = setting.at(part.rows), metric.at(part.rows)
         quantiles = band(x, y)
         if quantiles is not None:
-            lines += _band(quantiles, part.label, dash)
+            lines += _band(quantiles, part.label, colour)
             said["Line: median; band: 5 to 95 %"] = None
             if quantiles.clustered.any():
                 said["No median if points form two clusters"] = None
         elif part.is_whole and len(part.rows) == len(x.distinct):
             order = np.argsort(x.values)
-            lines.append(_line(x.values[order], y.values[order], part.label, dash))
+            lines.append(_line(x.values[order], y.values[order], part.label, colour))
     return lines, [*said]
 
 
-def _line(x: np.ndarray, y: np.ndarray, label: str, dash: str) -> dict[str, Any]:
+def _line(x: np.ndarray, y: np.ndarray, label: str, colour: str) -> dict[str, Any]:
     return {
         "type": "scatter", "mode": "lines", "x": listed(x), "y": listed(y), "hoverinfo": "skip",
         "name": shown(label), "showlegend": bool(label),
-        "line": {"color": BLUE, "width": 1, "dash": dash},
+        "line": {"color": colour, "width": 1.5},
     }  # fmt: skip
 
 
-def _band(found: Band, label: str, dash: str) -> list[dict[str, Any]]:
+def _band(found: Band, label: str, colour: str) -> list[dict[str, Any]]:
     x, edge = listed(found.at), {"type": "scatter", "mode": "lines", "line": {"width": 0}}
     hidden = {**edge, "x": x, "hoverinfo": "skip", "showlegend": False}
     return [
         {**hidden, "y": listed(found.quantiles[0])},
-        {**hidden, "y": listed(found.quantiles[4]), "fill": "tonexty", "fillcolor": "#0000001f"},
+        {**hidden, "y": listed(found.quantiles[4]), "fill": "tonexty", "fillcolor": f"{colour}22"},
         {
             "type": "scatter", "mode": "lines+markers", "name": shown(label or "median"), "x": x,
             "y": listed(np.where(found.clustered, np.nan, found.quantiles[2])),
-            "line": {"color": "#111", "width": 2, "dash": dash},
-            "marker": {"color": "#111", "size": 5}, "showlegend": bool(label),
+            "line": {"color": colour, "width": 2},
+            "marker": {"color": colour, "size": 5}, "showlegend": bool(label),
             "customdata": [int(count) for count in found.counts],
             "hovertemplate": "%{x}<br>median %{y}<br>%{customdata} points<extra></extra>",
         },
@@ -111,35 +120,56 @@ def _band(found: Band, label: str, dash: str) -> list[dict[str, Any]]:
 
 
 def _dots(
-    found: Findings, setting: Column, metric: Column, rows: np.ndarray
+    found: Findings,
+    setting: Column,
+    metric: Column,
+    rows: np.ndarray,
+    parts: list[Combination] | None = None,
 ) -> list[dict[str, Any]]:
-    """Return the cases by outcome; the most frequent outcomes have a colour each."""
+    """Return the cases: a colour per outcome, or a colour per part and a symbol per outcome."""
+    traces = []
+    for place, (name, of_it) in enumerate(_by_outcome(found, rows)):
+        symbol = SYMBOLS[min(place, len(SYMBOLS) - 1)]
+        if parts is None:
+            colour = COLOURS[place] if place < len(COLOURS) else GREY
+            traces.append(_points(found, setting, metric, of_it, (name, colour, "circle")))
+            continue
+        for part, colour in zip(parts, COLOURS):
+            drawn_of_it = np.intersect1d(of_it, part.rows)
+            trace = _points(found, setting, metric, drawn_of_it, (name, colour, symbol))
+            traces.append({**trace, "showlegend": False})
+        marker = {"color": GREY, "symbol": symbol, "size": 7}
+        legend = {"type": "scatter", "mode": "markers", "x": [None], "y": [None], "marker": marker}
+        traces.append({**legend, "name": shown(name[:40])})
+    return traces
+
+
+def _by_outcome(found: Findings, rows: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Return names of outcomes and their cases: settled, then the most frequent outcomes."""
     outcome = found.columns.get(OUTCOME)
     codes = np.zeros(len(rows), int)
     names: Sequence[str] = ("points",)
     if outcome is not None and outcome.codes is not None:
         codes, names = outcome.codes[rows], outcome.words
-    kinds = np.argsort(-np.bincount(codes), kind="stable")
-    colours = (BLUE, RED, GREEN, ORANGE, VIOLET)
-    traces = []
-    for place, kind in enumerate(kinds[np.bincount(codes)[kinds] > 0]):
-        colour = colours[place] if place < len(colours) else GREY
-        of_it = rows[codes == kind]
-        traces.append(_points(found, setting, metric, of_it, (names[kind], colour)))
-    return traces
+    counts = np.bincount(codes)
+    order = [(names[kind] != "settled", -counts[kind], kind) for kind in np.flatnonzero(counts)]
+    return [(names[kind], rows[codes == kind]) for *_, kind in sorted(order)]
 
 
 def _points(
-    found: Findings, setting: Column, metric: Column, rows: np.ndarray, look: tuple[str, str]
+    found: Findings, setting: Column, metric: Column, rows: np.ndarray, look: tuple[str, str, str]
 ) -> dict[str, Any]:
-    name, colour = look
+    name, colour, symbol = look
     dense = len(rows) > 300
     return {
         "type": "scatter", "mode": "markers", "name": shown(name[:40]),
         "x": _at(setting, rows), "y": _at(metric, rows),
         "customdata": [int(point) for point in found.points[rows]],
         "hovertemplate": "%{x}<br>%{y}<br>point %{customdata}<extra></extra>",
-        "marker": {"color": colour, "size": 4 if dense else 7, "opacity": 0.4 if dense else 0.8},
+        "marker": {
+            "color": colour, "symbol": symbol, "size": 4 if dense else 7,
+            "opacity": 0.4 if dense else 0.8,
+        },
     }  # fmt: skip
 
 

@@ -83,7 +83,7 @@ def test_a_map_has_the_medians_of_its_cells():
 def test_points_are_drawn_in_part_but_counted_whole():
     figures, _ = chosen(findings(9000, spec={"settling_time": 30.0}))
     (figure,) = [f for f in figures if f.title == "settling_time over gains.tau.u"]
-    dots = [trace for trace in figure.traces if trace["mode"] == "markers"]
+    dots = [t for t in figure.traces if t["mode"] == "markers" and t["x"] != [None]]
     count = findings(9000).frame["settling_time"].count()
     assert f"{count:,} points, " in figure.says
     assert 2000 <= sum(len(trace["x"]) for trace in dots) <= 2002
@@ -91,6 +91,9 @@ def test_points_are_drawn_in_part_but_counted_whole():
     names = {f"{backend}, {word}" for backend in ("ode", "recurrent") for word in ("true", "false")}
     assert {trace["name"] for trace in medians} == names
     assert sum(sum(trace["customdata"]) for trace in medians) == count
+    colours = {trace["line"]["color"] for trace in medians}
+    assert len(colours) == 4
+    assert {trace["marker"]["color"] for trace in dots} == colours
 
 
 def test_no_word_of_a_store_is_markup_for_plotly():

@@ -60,7 +60,7 @@ def test_a_page_says_what_was_asked_and_found():
         "Settling of the car on drawn parts", "2,000", "Latin hypercube", "Horizon: the number",
         "Last time at which a control is off.", "settling_time ≤ 30 us, overshoot ≤ 0.25",
         "Clopper-Pearson", "power ~ problem.N^p", "ann-dc study 'out/car study' --point",
-        "numpy 2.4.6", "plotly.js", "Left out, because they tell less",
+        "numpy 2.4.6", "plotly.js", "Omitted, because less informative",
     ):  # fmt: skip
         assert words in text, words
     good = (found.frame["settling_time"] <= 30) & (found.frame["overshoot"] <= 0.25)
