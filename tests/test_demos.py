@@ -408,7 +408,7 @@ def test_from_a_question_to_a_yield_curve(tmp_path):
     assert shares["circuit.bandwidth_margin"] == [0, 1, 0]
     assert shares["tolerance.resistor"][0] == 1 > shares["tolerance.resistor"][1]
     margins = result["tables"]["circuit.bandwidth_margin"].by("circuit.bandwidth_margin")
-    assert margins[5.0].outcomes == {"equilibrium is unstable": 3}
+    assert margins[5.0].outcomes == {"unstable equilibrium": 3}
     assert margins[13.0].outcomes == {"settled": 3}  # too slow
     spot = result["spot"]
     assert spot.off("control_error").max() < 1e-3

@@ -94,7 +94,7 @@ def texts_of(network) -> list[str]:
 
 @pytest.mark.slow
 def test_a_diode_neuron_is_drawn():
-    assert "diode neuron zeta.pace" in texts_of(PROBLEMS["rows"]())
+    assert "rectifying multiplier zeta.pace" in texts_of(PROBLEMS["rows"]())
 
 
 def test_rails_are_drawn():

@@ -134,7 +134,7 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
         UserWarning, match="may settle at another equilibrium: .* its transient .*MULTILEVEL"
     ):
         files = pack_files(network, vector, level="macro")
-    assert b"WARNING: it may settle to a wrong point" in files["README.md"]
+    assert b"WARNING: it may settle at another equilibrium" in files["README.md"]
 
 
 @pytest.mark.slow
