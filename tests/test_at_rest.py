@@ -89,6 +89,7 @@ def check(found: np.ndarray, share: float) -> None:
     np.testing.assert_allclose(found, right, rtol=0, atol=1e-11 + 1e-6 * np.abs(right).max())
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("other", [False, True], ids=["plain", "other units"])
 @pytest.mark.parametrize("share", SHARES)
 def test_run_near_the_target_takes_the_steps_of_one_far_away(share, other):

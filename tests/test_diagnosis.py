@@ -36,6 +36,7 @@ def test_it_fits_on_a_page(name):
     assert lines[-1].startswith("advice: ")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_remedies_are_candidates_or_the_exact_preconditioner(name):
     found, ratios = diagnosis(name), {c.ratio for c in designed(name).candidates}

@@ -15,7 +15,7 @@ LONG = (
 """Problems whose design or whose dense matrices take longer than a second."""
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SUITE]
 )

@@ -55,6 +55,7 @@ print([outcome.name for outcome in batch.outcomes])
 """
 
 
+@pytest.mark.sampled(10)
 @of_every_file(MODULES)
 def test_module_does_not_import_posix_modules_when_loaded(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))

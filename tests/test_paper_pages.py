@@ -48,7 +48,7 @@ def test_code_reference_exists(name):
     assert hasattr(importlib.import_module(module), attribute)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "words",
     [pytest.param(w, marks=pytest.mark.slow) if w.startswith(LONG) else w for w in COMMANDS],

@@ -77,6 +77,7 @@ def designed():
     return problem, ann_dc.design(problem).network
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("way", WAYS)
 def test_blas_uses_one_thread_within_the_package_and_the_callers_number_afterwards(
     way, designed, threads, monkeypatch

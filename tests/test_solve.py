@@ -47,7 +47,7 @@ STARTS = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize(("D", "known"), [(1.0, 398.6315), (0.5, 368.1893)])
 def test_the_papers_example(D, known, start):

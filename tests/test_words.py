@@ -6,6 +6,7 @@ The texts are the string constants of the package that contain two words, withou
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 
 import pytest
 from test_docstrings import MODULES, ROOT, WORDS, tree_of
@@ -66,7 +67,10 @@ def messages(tree: ast.AST) -> list[str]:
     return [text for text in found if not CODE.search(text)]
 
 
-TEXTS = {path.relative_to(ROOT).as_posix(): messages(tree_of(path)) for path in MODULES}
+@cache
+def texts_of_modules() -> dict[str, list[str]]:
+    """Return the messages of every module of the package by its path."""
+    return {path.relative_to(ROOT).as_posix(): messages(tree_of(path)) for path in MODULES}
 
 
 def rates_of(text: str) -> dict[str, float]:
@@ -90,13 +94,16 @@ def banned(path: str, text: str) -> list[str]:
 
 
 def test_word_rates_of_messages_are_those_of_technical_english():
-    assert too_frequent(" ".join(text for found in TEXTS.values() for text in found)) == {}
+    assert (
+        too_frequent(" ".join(text for found in texts_of_modules().values() for text in found))
+        == {}
+    )
 
 
 def test_messages_have_no_former_terms():
     found = [
         f"{path}: {text[:80]!r}: {terms}"
-        for path, each in TEXTS.items()
+        for path, each in texts_of_modules().items()
         for text in each
         if (terms := banned(path, text))
     ]
@@ -120,4 +127,4 @@ def test_texts_are_messages_not_docstrings_and_not_code():
         '"""A module text."""\nraise E(f"a: expected {b} here, got {c[\'the key\']}")\n'
     )
     assert messages(tree) == ["a: expected 0 here, got 0", "the key"]
-    assert sum(map(len, TEXTS.values())) > 1500
+    assert sum(map(len, texts_of_modules().values())) > 1500

@@ -39,6 +39,7 @@ def test_a_rate_is_curvature_and_penalty_over_energy(name):
         assert mode.curvature + mode.penalty == pytest.approx(mode.rate, rel=1e-4)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", MEASURED)
 def test_an_oscillation_has_half_of_its_energy_in_the_duals(name):
     for mode in slowness(name).modes:
@@ -127,6 +128,7 @@ def exact_and_weights(name, above):
     return exact, max(above * -low, 0.2 * high) * weights
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", ["car", "pendulum", "cstr", "double_integrator"])
 @pytest.mark.parametrize("eta", [0.3, 1.5])
 def test_modes_of_the_exact_preconditioner(name, eta):

@@ -95,6 +95,7 @@ def test_a_resting_neuron_is_held_while_a_grid_couples_the_others(kind, monkeypa
         np.testing.assert_allclose(modes.abscissa, expected.real.max(), rtol=1e-3)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["car", "unicycle", "van_der_pol"])
 @pytest.mark.parametrize("coordinators", [True, False])
 def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monkeypatch):

@@ -59,6 +59,7 @@ def scipys(network: Network, offsets, duration: float, x, force) -> np.ndarray:
     return solve_ivp(slope, (0, duration), x, "DOP853", **tolerances).y[:, -1]
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("stages", [2, 5, 8, 13])
 @pytest.mark.parametrize("name", OFFSETS)
 def test_arrays_are_scipys(name, stages):

@@ -43,6 +43,7 @@ def reference() -> Run:
     return reference_of("car")
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("method", METHODS.values(), ids=lambda m: m.name)
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 def test_methods_agree(method, name):

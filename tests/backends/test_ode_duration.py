@@ -15,6 +15,7 @@ from ann_dc.errors import AnnDcError
 TIGHT = {"rtol": 1e-9, "atol": 1e-12}
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("method", ode.METHODS.values(), ids=lambda method: method.name)
 def test_every_method_ends_exactly_then(method):
     run = ann_dc.OdeBackend(method=method, duration=20.0).run(van_der_pol())

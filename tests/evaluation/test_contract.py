@@ -120,7 +120,7 @@ def test_every_kind_of_preconditioner(name, preconditioner, kind):
     ],
 )
 @pytest.mark.parametrize("name", ["car_steer", "lander", "moving", "end_disc"])
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 def test_diodes_that_conduct_and_others(name, preconditioner, kind):
     """Some controls beyond their rails, some multipliers of inequalities pressed."""
     plain = synthesize(CONSTRAINED[name].problem)
@@ -140,7 +140,7 @@ def test_diodes_that_conduct_and_others(name, preconditioner, kind):
 )
 @pytest.mark.parametrize("name", ["car_steer", "lander", "end_disc"])
 @pytest.mark.parametrize("compliance", [0.0, 0.02])
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, preconditioner, kind):
     price = {"car_steer": 300.0, "lander": 1.0, "end_disc": 30.0}[name]
     soft = Soft(weight=price, compliance=compliance / price)
@@ -181,7 +181,7 @@ def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, preconditio
         lambda: car(CASES["three by range"][0]),
     ],
 )
-@pytest.mark.sampled
+@pytest.mark.sampled(3)
 def test_objectives_on_a_bus(problem, preconditioner, kind):
     """Some of them pressed, some not."""
     plain = synthesize(problem())
@@ -251,6 +251,7 @@ def test_sources_in_neighbours_and_ends(kind):
     np.testing.assert_allclose(derivatives[1], 3 * np.array([7, 1, 2]) * y)
 
 
+@pytest.mark.sampled(19)
 @every_evaluator
 @pytest.mark.parametrize("offset", [-7, -4, -3, -2, -1, 1, 2, 3, 4, 7])
 def test_wires_beyond_neighbours(kind, offset):
@@ -516,7 +517,7 @@ def test_a_drive_that_is_no_number_makes_both_residuals_infinite(wrong, kind):
 @pytest.mark.parametrize("block", FUNCTIONS, ids=lambda block: block.name)
 @settings(max_examples=25, deadline=None)
 @given(share=st.floats(0.05, 0.95))
-@pytest.mark.sampled
+@pytest.mark.sampled(4)
 def test_function_blocks(block, kind, share):
     low, high = np.clip(block.domain, -2.0, 2.0)
     network, x = one_block(block.name), np.array([low + share * (high - low)])

@@ -116,7 +116,7 @@ def test_moves_at_rails_are_bounded_least_squares(name, populations, preconditio
         assert_close(ours.rhs(x), expected, 1e-9)
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(6)
 @every_evaluator
 @pytest.mark.parametrize("preconditioner", PreconditionerKind, ids=lambda kind: kind.name.lower())
 def test_no_move_points_outward_at_a_rail(preconditioner, kind):
@@ -153,6 +153,7 @@ def test_neurons_that_no_preconditioner_couples_keep_their_rule_bit_for_bit(prec
         np.testing.assert_array_equal(ours.rhs(x)[alone], expected[alone])
 
 
+@pytest.mark.sampled(8)
 @every_evaluator
 @every_coupled
 def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(preconditioner, kind):
@@ -170,7 +171,7 @@ def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(preconditione
     assert held
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(4)
 @every_evaluator
 @every_coupled
 @pytest.mark.parametrize("population", ["q", "u"])
@@ -200,7 +201,7 @@ def test_drives_are_cut_by_their_own_signs(preconditioner, kind):
     assert_close(network.pack(ours.drives(x)), np.where(cut, 0.0, raw))
 
 
-@pytest.mark.sampled(21)
+@pytest.mark.sampled(15)
 @every_evaluator
 @every_coupled
 @pytest.mark.parametrize("population", ["q", "u"])
@@ -252,7 +253,7 @@ def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(pre
         assert_close(ours.rhs(x), reference.rhs(x))
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(4)
 @every_evaluator
 @every_coupled
 def test_moves_do_not_depend_on_the_calls_before(preconditioner, kind):
@@ -289,6 +290,7 @@ def test_every_lane_holds_neurons_of_its_own(preconditioner):
         assert_close(left, [network.pack(own.drives(x)) for x in group])
 
 
+@pytest.mark.sampled(2)
 @every_coupled
 def test_lanes_with_time_constants_of_their_own_hold_neurons(preconditioner):
     network, states, _ = run_with_changes(preconditioner)

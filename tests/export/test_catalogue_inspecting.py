@@ -68,7 +68,7 @@ def files_in(folder):
     return [file for file in sorted(folder.rglob("*")) if file.is_file()]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", FOLDERS)
 def test_a_changed_bit_of_any_file_is_found(name, folders, tmp_path):
     """A missing file and one of another network are refused too."""

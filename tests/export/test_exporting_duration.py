@@ -25,7 +25,7 @@ def exported(tmp_path_factory):
     return folder, {each.name: each for each in found}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", CIRCUITS)
 def test_a_circuit_of_every_format_is_written_and_checked(exported, name):
     _, found = exported

@@ -107,7 +107,7 @@ def differences(folder, network, form="safetensors"):
     return {k: off / max(1.0, np.abs(vector.early[k]).max()) for k, off in reported.items()}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", NETWORKS)
 def test_reader_of_the_readme_takes_the_steps_of_the_vector(name, tmp_path):
     off = differences(tmp_path, NETWORKS[name]())
@@ -134,6 +134,7 @@ def test_reader_follows_the_rule_of_rails_where_the_held_set_changes_a_hundred_t
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("kind", "is_clamped"),
     [

@@ -50,7 +50,7 @@ def total_of(backend, network):
     )
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("spread", [None, Tolerances(), Tolerances(offset=1e-3)])
 @pytest.mark.parametrize(("name", "stages"), [("double_integrator", 5), ("unicycle", 4)])
 def test_no_circuit_is_further_off_for_its_fitting_intervals(name, stages, spread):

@@ -83,6 +83,7 @@ def test_ngspice_finds_what_was_predicted(name, seed):
     assert meaning.control_error > 1e-4  # there was something to predict
 
 
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize(
     "level",

@@ -39,6 +39,7 @@ def test_a_row_that_presses_alone_has_the_mode_of_an_equality(settled):
     assert not weights[~linear.diode].any()
 
 
+@pytest.mark.sampled(2)
 def test_rows_press_where_their_multiplier_does(settled):
     network, linear = settled.network, Linearisation(settled.network).at(settled.state)
     active = active_weights(linear, settled.gains.rho) > 0

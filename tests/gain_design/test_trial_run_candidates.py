@@ -113,7 +113,7 @@ def test_path_terms_of_grids_fall_as_long_as_that_helps():
     } == {*freeze.PATHS}
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", PreconditionerKind)
 def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
     found = compare(settled("unicycle"), kind, 1.0)

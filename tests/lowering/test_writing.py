@@ -19,7 +19,7 @@ def walked(program: Program, steps: int) -> Walks:
     return walks
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_its_steps_are_those_of_the_reference_vector(name, kind):
     network, vector = designed(name, kind)

@@ -74,7 +74,7 @@ def network_of(name: str, rests: np.ndarray = RESTS) -> Network:
     )
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(5)
 @every_evaluator
 @every_block
 @settings(max_examples=15, deadline=None)
@@ -110,6 +110,7 @@ def test_runs_settle_at_the_closed_form(backend, name):
     np.testing.assert_allclose(run.trajectory.final, RESTS, atol=1e-6)
 
 
+@pytest.mark.sampled(6)
 @needs_ngspice
 @every_block
 @pytest.mark.parametrize("level", [BEHAVIOURAL, macro()], ids=["behavioural", "macro"])
@@ -166,7 +167,7 @@ def test_formulas_in_other_languages():
     assert f"({u} > 0.0 ? 1 : ((-1 * {u}) > 0.0 ? -1 : 0.0 * {u}))" in function_module("sign")
 
 
-@pytest.mark.sampled(20)
+@pytest.mark.sampled(12)
 @every_block
 @pytest.mark.parametrize("form", FORMATS)
 def test_exports_pass_their_own_check_or_refuse_by_name(form, name):

@@ -119,7 +119,7 @@ def answer(name: str, function, *arguments):
         return None
 
 
-@pytest.mark.sampled(44)
+@pytest.mark.sampled(22)
 @every_block
 @pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("stages", [1, 2, 7])

@@ -134,7 +134,7 @@ def test_random_points_of_plants(name):
     assert seen.total() > 15
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @seeds(3)
 @pytest.mark.parametrize("name", ["car", "cart_pole", "pendulum"])
 def test_units_do_not_matter(seed, name):

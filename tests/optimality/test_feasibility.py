@@ -16,7 +16,7 @@ def searched(problem):
     return feasible_path(problem, line.q, line.u)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", INFEASIBLE)
 def test_what_is_out_of_reach_and_what_is_nearest(name):
     problem, nearest = INFEASIBLE[name]

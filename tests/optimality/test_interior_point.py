@@ -36,7 +36,7 @@ def assert_optimal(problem, found):
     np.testing.assert_allclose(found.u, reference.u, atol=1e-4 * u_size)
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_interior_point_ends_at_an_optimum_of_ipopt(name):
     problem = PROBLEMS[name].problem

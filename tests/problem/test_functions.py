@@ -40,6 +40,7 @@ def of_stage(problem, k):
     return [values[k] for values in problem.inputs.values()]
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_stage_functions_and_derivatives(name):
     problem = PROBLEMS[name]

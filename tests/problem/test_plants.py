@@ -90,7 +90,7 @@ def test_double_integrator_has_its_closed_form():
     np.testing.assert_allclose(found.u[0], u, atol=1e-7)
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", FAST)
 def test_optimum_of_the_table(name):
     found = best_of(SUITE[name].problem, starts=3)

@@ -63,7 +63,7 @@ def assert_defined(problem: OptimalControlProblem) -> Scales:
     return scales
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(4)
 @seeds(2)
 @pytest.mark.parametrize("name", SMALL)
 def test_they_do_not_depend_on_the_units(name, seed):
@@ -161,6 +161,7 @@ ODD = {
 }
 
 
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize("name", ODD)
 def test_they_are_defined_for(name):
     assert_defined(ODD[name])
@@ -189,6 +190,7 @@ def told_in_other_units():
             yield pytest.param(name, marks=marks)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", list(told_in_other_units()))
 def test_and_do_not_depend_on_the_units_for(name):
     problem = ODD[name]

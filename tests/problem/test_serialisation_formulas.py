@@ -81,6 +81,7 @@ SAME = {
 }
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("expression", SAME.values(), ids=SAME)
 def test_the_structure_survives(expression):
     assert through_text(expression) == expression

@@ -53,7 +53,7 @@ SOLVED = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SOLVED)
 def test_what_comes_back_is_what_was_saved(name, tmp_path):
     solution = SOLVED[name]()

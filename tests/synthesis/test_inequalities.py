@@ -19,7 +19,7 @@ def at_random(network, seed=0):
     return network.start_state + 0.1 * np.random.default_rng(seed).standard_normal(network.size)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SMOOTH)
 def test_the_drives_are_slopes_of_the_augmented_lagrangian(name):
     """-dL/dx and +dL/dz of L = l + mu' c + rho/2 c'c + sum (max(0, z + w g)^2 - z^2) / 2w."""

@@ -122,14 +122,14 @@ def assert_by_the_book(
 
 
 @pytest.mark.parametrize("name", SUITE)
-@pytest.mark.sampled
+@pytest.mark.sampled(3)
 def test_every_problem_by_the_book(name):
     assert_by_the_book(SUITE[name].problem.with_horizon(4))
 
 
 @pytest.mark.parametrize("rho", [0.0, RHO])
 @pytest.mark.parametrize("switched", SWITCHES)
-@pytest.mark.sampled
+@pytest.mark.sampled(4)
 def test_every_switch_of_the_car(switched, rho):
     assert_by_the_book(plants.car(N=4, D=0.7, c_over_m=1.3), SWITCHES[switched], rho=rho)
 
@@ -141,7 +141,7 @@ def test_the_printed_form(rho):
 
 @pytest.mark.parametrize("switched", ["S3", "S4", "S5", "S6", "S12", "S13", "S14", "S15", "S17"])
 @pytest.mark.parametrize("name", ["pendulum_state_cost", "unicycle_obstacle", "cstr"])
-@pytest.mark.sampled
+@pytest.mark.sampled(3)
 def test_switches_where_states_cost(name, switched):
     assert_by_the_book(SUITE[name].problem.with_horizon(4), SWITCHES[switched])
 
@@ -158,7 +158,7 @@ def test_the_users_own_units():
     assert_by_the_book(problem, scales=Scales.none(problem))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("switched", ["S3", "S5", "S7", "S8", "S9", "S14", "S15"])
 def test_scales_by_hand(switched):
     problem = plants.car(N=4, D=0.7)
@@ -207,6 +207,7 @@ def test_free_ends_and_inputs_by_stage(q_d, form):
     assert_by_the_book(tracking(q_d=q_d), form)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("q_0", [(None, -0.1), (0.3, None), (None, None)])
 @pytest.mark.parametrize("form", [CORRECTED, SWITCHES["S14"], SWITCHES["S10"]], ids=str)
 def test_free_starts(q_0, form):

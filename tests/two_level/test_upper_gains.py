@@ -60,6 +60,7 @@ def observed(upper: UpperMap, gains: Gradient, size: float) -> np.ndarray:
     return (up - down).T / (2 * size)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "size", "rtol"),
     [*((name, 1.0, 1e-9) for name in LINEAR), ("car", 1e-5, 1e-6), ("unicycle", 1e-5, 1e-6)],
@@ -92,6 +93,7 @@ def test_the_error_dies_out_at_the_radius():
     np.testing.assert_allclose(1 - rate, 1 - best.radius, rtol=0.02)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_no_gains_of_a_grid_are_better_than_the_best(name):
     upper = upper_map(name)

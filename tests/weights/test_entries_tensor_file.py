@@ -172,6 +172,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_files(case, path):
     change, message = HOSTILE[case]

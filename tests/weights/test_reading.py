@@ -133,7 +133,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.sampled(36)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_content(case, path):
     change, message = HOSTILE[case]

@@ -79,7 +79,7 @@ ORDERED = [
 ]
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "order"), ORDERED, ids=str)
 def test_every_step_is_that_of_the_network_alone_to_rounding(name, order):
     network = NETWORKS[name]()

@@ -144,6 +144,7 @@ def test_rows_between_steps_are_as_good_as_those_at_steps(kind):
     np.testing.assert_allclose(trajectory["x"][:, 0], exact, atol=100 * rtol)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", ["interpreted", "generated", "RK45", "Radau", "LSODA"])
 def test_states_between_steps_stay_within_the_rails(kind):
     trajectory, _ = run_of("railed", kind)

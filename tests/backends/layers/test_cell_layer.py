@@ -175,6 +175,7 @@ def test_samples_at_rails_in_single_precision_move_as_in_double(kind):
     assert_close(single, CellLayer(network)(torch.as_tensor(states), step=0.1), 1e-4)
 
 
+@pytest.mark.sampled(2)
 @every_coupled
 def test_trained_time_constants_at_rails_move_as_those_of_the_trained_network(kind):
     network, states, _ = run_with_changes(kind)

@@ -73,7 +73,7 @@ def integrated_ahead(network: Network, step: float) -> Network:
     return replace(network, cell=replace(network.cell, connections=connections))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("wired", [small, coordinated], ids=["alone", "coordinated"])
 @pytest.mark.parametrize("name", NAMES)
 def test_two_phases_are_one_with_more_penalty(name, wired):
@@ -264,7 +264,7 @@ def test_samples_have_steps_of_their_own(order):
 # ---- rails of coupled neurons ------------------------------------------------------------------
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("order", ORDERS.values(), ids=str)
 @pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
 def test_layers_at_rails_take_the_steps_of_generated_code(kind, order):

@@ -51,6 +51,7 @@ def test_a_batch_moves_by_the_preconditioner(kind, dtype, relative):
     assert_close(derivatives, drives @ evaluator(network).preconditioner.toarray(), relative)
 
 
+@pytest.mark.sampled(8)
 @stiff
 @pytest.mark.parametrize("stages", [1, 2, 3, 5, 6, 16, 17])
 def test_rows_of_any_length(stages, kind):
@@ -62,6 +63,7 @@ def test_rows_of_any_length(stages, kind):
     )
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(
     "kind", [PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL]
 )

@@ -26,7 +26,7 @@ def test_the_limit_cycle_has_its_period_and_amplitude(level):
 
 
 @needs_ngspice
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @LEVELS
 @pytest.mark.parametrize(
     ("network", "duration"),

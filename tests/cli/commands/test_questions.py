@@ -157,6 +157,7 @@ def test_drawn_circuits_in_ngspice_need_one_before_the_design(tmp_path, monkeypa
 # ---- circuits that do not settle -----------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("words", "reported"),
     [

@@ -176,6 +176,7 @@ def test_solve_dash_is_refused_for_other_files():
     refused(["solve", *SMALL, "--save", "-"], "--save: expected a folder, got '-'")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rows", ["short", "all", "none"])
 def test_solve_table_shows_the_requested_rows(rows, tmp_path):
     words = ["double_integrator", "-N", "20", "--no-verify", "--save", tmp_path / "saved"]

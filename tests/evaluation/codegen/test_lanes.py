@@ -71,6 +71,7 @@ def test_tables_begin_at_a_line_of_the_cache():
     assert {table.ctypes.data % LINE for table in lanes.tables.values()} == {0}
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("axis", [Axis.SAMPLES, Axis.VARIANTS])
 @pytest.mark.parametrize("seed", range(6))
 def test_every_lane_with_far_wires_is_the_reference(axis, seed):

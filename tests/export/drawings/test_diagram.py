@@ -38,6 +38,7 @@ def test_a_cell_can_be_read(name):
         assert any(text.removeprefix("∫\u00a0 ").startswith(neuron.name) for text in texts)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_chain_can_be_read(name):
     assert_readable(Picture(chain_page(network_of(name)).svg(TOLD)))
@@ -60,6 +61,7 @@ def test_what_comes_from_neighbours_and_goes_to_them(network):
     assert {"− t.x of k−1", "+ b.x of k+1", "t.x to k+1", "b.x to k−1"} <= set(texts)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("stages", "shown"), [(1, [0]), (3, [0, 1, 2]), (90, [0, 1, 89])])
 def test_a_chain_shows_its_first_cells_and_its_last(stages, shown):
     network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
@@ -70,6 +72,7 @@ def test_a_chain_shows_its_first_cells_and_its_last(stages, shown):
     assert any(text.startswith("q fixed at q_0") for text in texts)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", ["MULTILEVEL", "RESISTIVE_GRID", "CYCLIC_REDUCTION"])
 def test_a_chain_shows_its_preconditioner(kind):
     problem = ann_dc.plants.double_integrator(N=9)

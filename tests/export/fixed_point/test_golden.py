@@ -20,6 +20,7 @@ from ann_dc.network.preconditioners.diagonal import Diagonal
 QUICK = ["double_integrator", "car", "bounds", "objectives"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", QUICK)
 def test_integers_are_what_the_rules_say(name):
     """Another machine, with integers that cannot overflow, comes to the same states."""
@@ -63,6 +64,7 @@ def test_wider_words_are_more_accurate():
     assert errors[-1] < 1e-1 * errors[0]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", list(ann_dc.PreconditionerKind))
 def test_every_preconditioner_is_carried(kind):
     model = fixed_point(*walked("double_integrator", kind))

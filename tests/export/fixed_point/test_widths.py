@@ -279,6 +279,7 @@ int main(int count, char **words) {
 """
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("bits", [16, 32])
 @pytest.mark.parametrize(
     ("value", "limit", "expected"),

@@ -183,6 +183,7 @@ def test_series_is_predicted_warned_of_and_confirmed_by_ngspice(integrator, tmp_
         assert predicted(stated(pack_files(*integrator, series="E96-pairs"))) < 1e-4
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("files", [ltspice_files, xyce_files, kicad_files, verilog_a_files])
 @pytest.mark.filterwarnings("ignore:level:UserWarning")
 def test_every_netlist_carries_the_accuracy_of_its_series(integrator, files):

@@ -36,6 +36,7 @@ def of(function: str, arguments: np.ndarray) -> Network:
     return Network(cell=cell, stages=len(arguments), inputs={"argument": arguments})
 
 
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("precision", ROUNDING)
 @pytest.mark.parametrize("function", [block.name for block in FUNCTIONS])
 def test_a_function_is_exact_to_rounding(function, precision):

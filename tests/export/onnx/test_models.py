@@ -141,6 +141,7 @@ def test_shared_neurons_diodes_and_rails_settle(name):
     np.testing.assert_allclose(found[..., 0], vector.end, rtol=0, atol=1e-9)
 
 
+@pytest.mark.sampled(3)
 @seeds(6)
 def test_samples_stop_one_by_one(seed):
     network = random_network(seed)

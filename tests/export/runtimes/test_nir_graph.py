@@ -119,7 +119,7 @@ def test_the_graph_that_is_read_has_the_trajectory_of_the_network(case, tmp_path
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1, np.abs(x).max()))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("case", CASES)
 def test_its_check_takes_the_steps_of_the_vector(case):
     network = CASES[case]()

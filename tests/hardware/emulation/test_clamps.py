@@ -218,7 +218,7 @@ def way_of(emulation: Emulation, run: CircuitRun) -> np.ndarray:
     return found - run.trajectory.states[:, 0]
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", WAYS)
 @pytest.mark.parametrize("cold", [False, True])
 def test_clamps_that_move_come_to_rest_where_walls_hold(name, cold):
@@ -243,7 +243,7 @@ def test_without_rails_nothing_moves():
     assert found.moving is found.emulation
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(3)
 @needs_ngspice
 @pytest.mark.parametrize("gbw", [1e5, 1e7])
 @pytest.mark.parametrize("below", [5e-4, 1e-2])

@@ -177,6 +177,7 @@ EFFECTS = {
 }
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("effect", EFFECTS)
 @pytest.mark.parametrize("which", CELLS)
 def test_an_op_amp_with_parasitics_obeys_kirchhoffs_laws(which, effect):

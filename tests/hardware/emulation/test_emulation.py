@@ -105,6 +105,7 @@ def test_ideal_parts_settle_at_the_optimum(name):
     assert relative(x - wanted, wanted) < 1e-9
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [*QUICK, pytest.param("van_der_pol", marks=pytest.mark.slow)])
 def test_slow_eigenvalues_approach_the_networks_as_the_op_amps_get_faster(name):
     """The shift is of first order in 1 / GBW."""
@@ -145,6 +146,7 @@ def test_deviations_of_zero_are_the_identity():
     assert (plain.network.start_state == zero.network.start_state).all()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", [kind for kind in Kind if kind is not Kind.CAPACITOR])
 def test_parts_that_are_off_move_the_equilibrium(kind):
     circuit, _ = prepared("car")

@@ -694,7 +694,7 @@ def spoiled(name: str, *nonidealities: str) -> Network:
     return network
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("nonidealities", [*([d] for d in SMALL), ALL], ids="-".join)
 def test_continuous_and_discrete_time_agree(nonidealities):
     network = spoiled("double_integrator", *nonidealities)

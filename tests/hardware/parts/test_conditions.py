@@ -29,7 +29,7 @@ def rail(conditions: Conditions) -> CircuitRun:
     return SpiceBackend(level=TRANSISTOR.at(conditions)).run(network)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize("conditions", HARDEST, ids=str)
 def test_a_circuit_of_op_amps_settles_at_every_corner(conditions):

@@ -34,6 +34,7 @@ def off(fit: FittedPolynomial, points: int) -> float:
 # ---- the best polynomial ---------------------------------------------------------------------
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", SMOOTH)
 def test_a_polynomial_is_as_close_as_it_says(name):
     fit = Polynomial().fit(name, *RANGES[name])

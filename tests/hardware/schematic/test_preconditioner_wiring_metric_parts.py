@@ -39,6 +39,7 @@ def test_the_wires_are_the_preconditioner(name, kind):
     np.testing.assert_allclose(wiring.preconditioner, expected, atol=1e-8 * np.abs(expected).max())
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", [*PYRAMIDS, PreconditionerKind.CYCLIC_REDUCTION])
 @pytest.mark.parametrize("name", PLANTS)
 def test_all_but_a_grid_is_without_a_loop(name, kind):

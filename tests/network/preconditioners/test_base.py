@@ -64,6 +64,7 @@ def test_symmetric_and_positive_definite(kind, case):
     assert np.linalg.eigvalsh(M * root[:, None] * root).min() > 0
 
 
+@pytest.mark.sampled(2)
 @every_kind
 @settings(max_examples=30, deadline=None)
 @given(case=cases())

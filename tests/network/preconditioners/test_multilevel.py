@@ -72,7 +72,7 @@ def test_hats(count, level):
     np.testing.assert_allclose([hats[0, 0], hats[-1, -1]], 1.0, rtol=1e-12)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("stages", [2, 3, 8, 9, 20])
 @pytest.mark.parametrize(
     "kind", [PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL]

@@ -25,6 +25,7 @@ def test_wires_are_the_stiffness_beside_its_diagonal(row, seed):
     assert (wires.nodes, wires.both_ways) == (0, False)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", SUITE)
 def test_no_wire_is_longer_than_to_the_next_cell(name):
     network = wired_with(name, PreconditionerKind.RESISTIVE_GRID)

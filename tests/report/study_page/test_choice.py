@@ -41,7 +41,7 @@ STUDIES = {
 }
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("made", STUDIES.values(), ids=STUDIES)
 def test_plotly_takes_every_figure(made):
     figures, _ = chosen(made())

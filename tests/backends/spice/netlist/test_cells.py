@@ -89,6 +89,7 @@ NAMES = [
 """Names of two neurons that look like each other, or like those of a card."""
 
 
+@pytest.mark.sampled(19)
 @pytest.mark.parametrize("level", TECHNOLOGIES.values(), ids=TECHNOLOGIES.keys())
 @pytest.mark.parametrize(("a", "b"), NAMES)
 def test_cards_of_a_cell_have_names_of_their_own(level, a, b):

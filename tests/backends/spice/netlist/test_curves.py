@@ -63,6 +63,7 @@ def cascade(text: str, x: np.ndarray, ge: float = 0.0, oy: float = 0.0) -> dict[
     return nodes
 
 
+@pytest.mark.sampled(27)
 @pytest.mark.parametrize("name", SMOOTH)
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1)])
 def test_a_cascade_computes_its_polynomial(name, signs):
@@ -157,6 +158,7 @@ def test_a_generator_computes_its_function(kind, level, name):
     assert np.abs(out - wanted(name, x, sx, sy)).max() <= fitted(kind, name).error + parts
 
 
+@pytest.mark.sampled(8)
 @needs_ngspice
 @pytest.mark.parametrize("kind", [Polynomial, Breakpoints])
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
@@ -169,6 +171,7 @@ def test_polarities_and_errors_of_a_generator(kind, signs, name):
     assert np.abs(out - exact).max() <= 1.1 * fitted(kind, name).error + 2e-6
 
 
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize("level", ["ideal", "transistor"])
 @pytest.mark.parametrize(

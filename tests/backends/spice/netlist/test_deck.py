@@ -96,7 +96,7 @@ def short(name: str, differential: bool = False):
     return SpiceBackend(level=macro(differential=differential)).prepare(network)[0]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("differential", [False, True])
 @pytest.mark.parametrize("name", ["car", "double_integrator", "cstr"])
 def test_the_netlist_has_every_parameter_by_its_name(name, differential):
