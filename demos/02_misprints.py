@@ -48,7 +48,7 @@ MEANING = {
     "S9": "Ties q to the target two stages ahead, which the chain cannot satisfy; diverges.",
     "S10": "mu drives t with the wrong sign; diverges.",
     "S11": "The ends of the array are not connected: settles, but the ends are inconsistent.",
-    "S12": "Scales E and the multipliers by 1/N: settles at the same path eight times more slowly.",
+    "S12": "Scales E and the multipliers by 1/N: settles at the same path nine times as slowly.",
     "S13": "The terminal condition is missing: controls decay to zero, the car does not move.",
     "S14": "Not an erratum: with q_0 as a neuron the optimum is the same.",
     "S15": "Both levels have the same equation: q stays at the initial guess, u decays to zero.",
@@ -150,7 +150,7 @@ def as_text(rows: dict[str, Row]) -> str:
             f"{r['kkt_residual']:10.1e}{r['objective']:12.6g}{r['rollout_error']:12.2g}"
             f"{r['settling_time']:10.4g}"
         )
-    lines += ["(residual: of the form; KKT res.: of the problem; settling: network time s)", ""]
+    lines += ["(residual: form; KKT res.: problem; settling: unit time constants)", ""]
     return "\n".join([*lines, *(f"{name:10}{MEANING[name]}" for name in rows)])
 
 

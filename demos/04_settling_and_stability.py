@@ -158,10 +158,9 @@ def against_stages(stages: tuple[int, ...]) -> dict:
 
 def as_data(sweeps: dict) -> dict:
     """Return the numbers of every sweep."""
-    name = {True: "with coordinators", False: "without"}
     return {
         sweep: {
-            name[c]: {
+            PRECONDITIONER[c]: {
                 "boundary": one["boundary"],
                 "dots": [asdict(point) for point in one["dots"]],
             }

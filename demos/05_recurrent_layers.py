@@ -99,7 +99,7 @@ def picture(runs: dict, limit: float, fractions, scan):
         runs["simultaneous"].settling_steps, color=style.GREEN, lw=1.2, label="adaptive step"
     )
     right.set(
-        xlabel="step h (network time s)", ylabel="number of steps to 1e-6", ylim=(0, 1.2 * top)
+        xlabel="step h (unit time constants)", ylabel="number of steps to 1e-6", ylim=(0, 1.2 * top)
     )
     right.legend(frameon=False, fontsize=8)
     for axes in (left, right):

@@ -48,7 +48,7 @@ def point(backend: ann_dc.SpiceBackend, run: CircuitRun) -> Point:
 
 
 def against_margin(network, margins) -> dict[float, Point]:
-    """Simulate op amps of several bandwidth margins, relative to the fastest mode."""
+    """Simulate op amps of several bandwidth margins, relative to the fastest rate."""
     points = {}
     for bandwidth_margin in margins:
         backend = ann_dc.SpiceBackend(level=macro(a0=1e5), bandwidth_margin=bandwidth_margin)
@@ -124,8 +124,9 @@ def picture(
     speed.plot(list(slower), [1e6 * p.settling for p in slower.values()], "o",
                color=style.BLUE, ms=4, label="ngspice")  # fmt: skip
     speed.axvspan(0, lowest, color=style.VERMILION, alpha=0.15, lw=0, label="oscillates")
-    speed.set(xlabel="bandwidth margin (GBW / fastest mode)", ylabel="settling time to 0.1 % (µs)",
-              title="effect of op-amp bandwidth", xlim=(0, None), ylim=(0, None))  # fmt: skip
+    speed.set(xlabel="bandwidth margin (relative to the fastest rate)",
+              ylabel="settling time to 0.1 % (µs)", title="effect of op-amp bandwidth",
+              xlim=(0, None), ylim=(0, None))  # fmt: skip
     for axes in (voltages, errors, speed):
         axes.title.set_fontsize(9)
         axes.legend(frameon=axes is voltages, fontsize=8)

@@ -55,7 +55,7 @@ class Sampled:
 
 
 def largest_of_each(items: tuple[Item, ...], count: int = 4) -> tuple[Item, ...]:
-    """Return the largest contributions of every kind, by share of the variance."""
+    """Return the largest contributions of every kind, by fraction of the variance."""
     kept = {kind: [i for i in items if i.parameter.kind is kind][:count] for kind in COLOURS}
     return tuple(item for item in items if item in kept[item.parameter.kind])
 
@@ -103,7 +103,7 @@ def picture(items: tuple[Item, ...], drawn: Sampled):
     names = [f"{i.parameter.meaning}, {size(i)}" for i in items]
     bars.set_yticks(rows, names, fontsize=7)
     bars.set(xlabel="control error (1e-3 of the largest control), one part in all cells",
-             title="four largest of every kind, by share of the variance")  # fmt: skip
+             title="four largest of every kind, by fraction of the variance")  # fmt: skip
     top = 1.1e3 * max(drawn.predicted.max(), drawn.measured.max())
     scatter.plot([0, top], [0, top], color=style.GREY, lw=1, ls="--", label="equal")
     scatter.plot(1e3 * drawn.predicted, 1e3 * drawn.measured, "o", ms=5, mfc="none",

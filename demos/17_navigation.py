@@ -34,7 +34,7 @@ REVERSE = 0.8
 """Largest speed in reverse gear (m/s)."""
 HEAD = (
     f"{'planner':26}{'scenario':>8}{'result':>18}{'clearance':>11}{'length':>8}{'effort':>8}"
-    f"{'settled':>9}{'time':>9}{'filter':>9}\n"
+    f"{'settled':>9}{'median':>9}{'filter':>9}\n"
     f"{'':52}{'(m)':>11}{'(m)':>8}{'':8}{'(plans)':>9}{'(tau_min)':>9}{'(periods)':>9}"
 )
 """Head of the printed table; settling time: median over the plans."""

@@ -130,7 +130,7 @@ def picture(found: dict[tuple[str, str], Series]):
         lost = one.sizes[~np.isfinite(one.settling)]
         left.plot(lost, np.full(len(lost), 2e4), "x", color=colour, ms=7)
         right.plot(one.sizes, 1e3 * one.computing, label=f"{name}{power(one.costs)}", **look)
-    left.plot([], [], "x", color=style.INK, label="not settled in 20 000")
+    left.plot([], [], "x", color=style.INK, label="not settled in 20 000 tau_min")
     one = np.array([150.0, 1000.0])
     right.plot(one, 1e-5 * one, color=style.INK, lw=1, ls=":", label="proportional to N")
     left.set(ylabel="settling time to 1e-6 (tau_min)", ylim=(20, 3e4))

@@ -36,7 +36,7 @@ class FormEnd(enum.Enum):
 
     OPTIMUM = "certified optimum"
     CONTROLS = "optimal controls only"
-    ELSEWHERE = "settled, not an optimum"
+    ELSEWHERE = "settled at another point"
     NEVER = "not settled"
 
 

@@ -35,7 +35,7 @@ CARS = {
     "input.q_d.x": (4.0, 6.0),
     "input.q_d.y": (4.0, 6.0),
 }
-"""Ranges of initial and terminal positions (m) and of the initial steering angle (rad)."""
+"""Ranges of initial and terminal positions (m) and of the initial heading (rad)."""
 KINDS = {"multilevel": "multilevel", "resistive-grid": "resistive grid"}
 """Labels of the preconditioners."""
 ORDERS = {

@@ -58,7 +58,7 @@ def main(
             tables[name][metric] for metric in ("control_error", "control_settling_time")
         )
         print(f"{name:22} {tables[name].outcomes}  control error at most {np.nanmax(error):.1e}, "
-              f"settling time {np.nanmin(time):.1f} to {np.nanmax(time):.1f}")  # fmt: skip
+              f"unit time constants {np.nanmin(time):.1f} to {np.nanmax(time):.1f}")  # fmt: skip
     figures = []
     if out is not None:
         path = Path(out) / "24_realisations.png"

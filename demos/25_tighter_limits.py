@@ -77,7 +77,7 @@ def summary(part: Table) -> str:
     if not kept.any():
         return "none settled"
     time, active = (np.median(part[name][kept]) for name in ("settling_time", "active_rows"))
-    medians = f"medians: settling time {time:.0f}, {active:g} active constraints"
+    medians = f"medians: {time:.0f} unit time constants, {active:g} active constraints"
     return f"{kept.sum()} of {len(part)} settled, {medians}"
 
 

@@ -273,7 +273,7 @@ RUN = {
     "capacitors": ("ann_dc, 256 units", of_capacitors),
     "c99": ("C compiler, 16 bits", in_c),
 }
-"""Program that runs each exported format, and function that computes the control error."""
+"""Program that evaluates each exported format, and function that computes its control error."""
 
 
 # ---- figure ----------------------------------------------------------------------------------

@@ -108,7 +108,8 @@ def main(out=Path("out/demos"), problem=None, durations=None, margins=MARGINS) -
     for name, (_, circuit) in found.items():
         print(f"{name}: {circuit}")
     times = {name: run.settling_time for name, run in timed.items() if hasattr(run, "status")}
-    print("settling times:", ", ".join(f"{name} {time:.4g}" for name, time in times.items()))
+    listed = ", ".join(f"{name} {time:.4g}" for name, time in times.items())
+    print("settling times (unit time constants):", listed)
 
     figure = style.new_figure(11.0, 4.2)
     left, right = figure.subplots(1, 2)

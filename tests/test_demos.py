@@ -103,7 +103,7 @@ def test_settling_and_stability(tmp_path):
                     assert 0.4 < point["measured"] / point["predicted"] < 1.3
                 if point["abscissa"] > 0:
                     assert np.isnan(point["measured"])
-    assert 0.2 < result["sweeps"]["rho"]["with coordinators"]["boundary"] < 0.6
+    assert 0.2 < result["sweeps"]["rho"]["multilevel"]["boundary"] < 0.6
 
 
 @pytest.mark.slow

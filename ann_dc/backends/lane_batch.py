@@ -29,7 +29,7 @@ from ann_dc.backends.integration.integrator import (
     TOO_SHORT,
 )
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
-from ann_dc.backends.status import OVERFLOW, Outcome
+from ann_dc.backends.status import OVERFLOW, Outcome, residual_name
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis, refusal
@@ -113,7 +113,8 @@ def run_lanes(
     found = Found.of(samples.states, curves)
     threads = max(min(threads or cores(), count // SMALLEST_SLICE), 1)
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
-    work = _Work(begin, samples, found, iter(range(0, count, size)), size)
+    slices = iter(range(0, count, size))
+    work = _Work(begin, samples, found, slices, size, residual_name(network))
     work.run([first, *(first.beside() for _ in range(threads - 1))], Paced(progress))
     is_open = found.codes == RUNNING
     found.steps[is_open, 1], found.times[is_open, 1] = -1, np.nan
@@ -146,6 +147,7 @@ class _Work:
     found: Found
     slices: Iterator[int]
     size: int
+    residual: str  # its name in progress lines
     is_over: threading.Event = field(default_factory=threading.Event)
 
     def run(self, every_lanes: list[Lanes], paced: Paced) -> None:
@@ -193,7 +195,7 @@ class _Work:
         if group is None or len(self.found.codes) > 1 or not running:
             return reported
         done, *residuals = group.memory[[DONE, CONSTRAINT, STATIONARITY]].max(axis=1)
-        return f"step {done:.0f}, KKT residual {max(residuals):.1e}: {reported}"
+        return f"step {done:.0f}, {self.residual} {max(residuals):.1e}: {reported}"
 
 
 def _curves(found: Found) -> BatchCurves:

@@ -162,8 +162,9 @@ FORMATS: dict[str, Format] = {
         write=hdl_files,
         contents="*",
         run=hdl_check,
-        carries="the integers of `c99`",
-        loses="as in `c99`",
+        carries="the recurrence in integers, equal to the golden model bit for bit",
+        loses="digits beyond the word length; inputs out of range saturate (reported by a "
+        "status); limits of coupled neurons (rejected by name)",
     ),
     "diagram": Format(
         title="the cell or the array as a diagram, SVG and PDF",

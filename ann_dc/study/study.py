@@ -45,7 +45,7 @@ from ann_dc.summaries import summarised
 from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import ends_of
 
-LAYOUT = 1
+LAYOUT = 2
 """Layout version in the identity of a study. A store with another version is not continued."""
 
 

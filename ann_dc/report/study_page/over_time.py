@@ -108,7 +108,7 @@ def _figure(name: str, categories: list[Category]) -> Figure:
     clustered = any(np.isnan(part.median).any() for part in categories)
     return Figure(
         title=f"{name} over time",
-        says=f"Curves of {len(curves)} points with stored trajectories."
+        says=f"Curves of {len(curves)} of the points with stored trajectories."
         + " Thick: median by category." * has_medians
         + " No median if curves form two clusters." * clustered,
         traces=traces,

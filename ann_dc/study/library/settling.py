@@ -62,7 +62,7 @@ def settling_against_gains(
     subject : str, OptimalControlProblem or Network
         Plant name, problem or network. A network keeps its own preconditioner.
     preconditioner : str
-        Preconditioner of the design. Default "multilevel" (additive multilevel).
+        Preconditioner, a value of 'design.preconditioner'. Default "multilevel".
     factors : sequence of float
         Positive factors in ascending order. Default: 0.01 to 100.
     gains : sequence of str, optional
@@ -163,7 +163,7 @@ def settling_against_horizon(
     duration : float, optional
         Duration of the horizon in the plant's time. By default N times dt of the subject.
     preconditioner : str
-        Preconditioner of the design. Default "cyclic-reduction".
+        Preconditioner, a value of 'design.preconditioner'. Default "cyclic-reduction".
     rho : float, optional
         Penalty of every network, the median over its dual neurons as in `median_rho`. By default
         each design chooses its rho.
@@ -269,7 +269,7 @@ def settling_against_steps(
         Ranges of sampled settings, such as ``{"input.q_d.x": (4, 6)}``. Random initial guesses and
         targets are equal in all studies.
     preconditioner : str
-        Preconditioner of the design. Default "multilevel" (additive multilevel).
+        Preconditioner, a value of 'design.preconditioner'. Default "multilevel".
     samples : int
         Number of samples. Default 100.
     shares : sequence of float

@@ -96,6 +96,18 @@ def test_points_are_drawn_in_part_but_counted_whole():
     assert {trace["marker"]["color"] for trace in dots} == colours
 
 
+def test_outcomes_have_a_symbol_each_settled_first():
+    figures, _ = chosen(findings(9000))
+    (figure,) = [f for f in figures if f.title == "wall_time over problem.N"]
+    markers = [trace for trace in figure.traces if trace["mode"] == "markers"]
+    legend = {t["name"]: t["marker"]["symbol"] for t in markers if t["x"] == [None]}
+    assert list(legend.items()) == [
+        ("settled", "circle"), ("diverged", "x"), ("failed", "diamond"),
+    ]  # fmt: skip
+    drawn = {(t["name"], t["marker"]["symbol"]) for t in markers if t["x"] != [None]}
+    assert drawn == set(legend.items())
+
+
 def test_no_word_of_a_store_is_markup_for_plotly():
     figures, _ = chosen(hostile())
     text = json.dumps([figure.content() for figure in figures])
