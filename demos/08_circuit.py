@@ -124,7 +124,7 @@ def picture(
     speed.plot(list(slower), [1e6 * p.settling for p in slower.values()], "o",
                color=style.BLUE, ms=4, label="ngspice")  # fmt: skip
     speed.axvspan(0, lowest, color=style.VERMILION, alpha=0.15, lw=0, label="oscillates")
-    speed.set(xlabel="bandwidth margin (relative to the fastest rate)",
+    speed.set(xlabel="bandwidth margin\n(relative to the fastest rate)",
               ylabel="settling time to 0.1 % (µs)", title="effect of op-amp bandwidth",
               xlim=(0, None), ylim=(0, None))  # fmt: skip
     for axes in (voltages, errors, speed):
