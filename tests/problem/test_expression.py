@@ -199,10 +199,10 @@ REFUSED = [
 
 @pytest.mark.parametrize(("text", "remedy"), REFUSED, ids=lambda given: str(given)[:30])
 def test_refuses_at_once_and_says_why(text, remedy):
-    start = time.process_time()
+    start = time.thread_time()
     with pytest.raises(ExpressionError, match=re.escape(remedy)) as refusal:
         parse(text)
-    assert time.process_time() - start < 0.5  # 0.1 s and some air for a busy machine
+    assert time.thread_time() - start < 0.5  # 0.1 s and some air for a busy machine
     assert str(refusal.value).startswith("dynamics.v: ")
     assert len(str(refusal.value)) < 600
 

@@ -283,10 +283,10 @@ NOT_A_FILE = [
     ("text", "fault", "remedy"), NOT_A_FILE, ids=lambda given: str(given)[:20].encode().hex()
 )
 def test_unreadable_file_is_refused_at_once(write, text, fault, remedy):
-    start = time.process_time()
+    start = time.thread_time()
     with pytest.raises(FileFormatError, match=fault) as refusal:
         load_problem(write(text))
-    assert time.process_time() - start < 2
+    assert time.thread_time() - start < 2
     assert remedy in str(refusal.value)
 
 

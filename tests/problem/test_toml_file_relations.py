@@ -105,8 +105,8 @@ def test_what_is_no_inequality_is_refused(text, fault, remedy):
     ids=lambda text: text[:12],
 )
 def test_a_hostile_text_costs_no_time(text):
-    start = time.process_time()
+    start = time.thread_time()
     with pytest.raises(ExpressionError) as refusal:
         parse(text)
-    assert time.process_time() - start < 2
+    assert time.thread_time() - start < 2
     assert len(str(refusal.value)) < 2000
