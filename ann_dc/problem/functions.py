@@ -15,6 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import sympy as sp
 
+from ann_dc.problem.chain_rule import ChainRule
+
+LARGE = 1000
+"""Operations of a map above which its derivatives are those of shared subexpressions."""
+
 
 class Derivatives(NamedTuple):
     """Map f (n, N) and cost l (N,) of all stages with derivatives in (q, u).
@@ -183,13 +188,19 @@ class ProblemFunctions:
 class _Table:
     """Table of expressions: variable entries are compiled, constant ones are numbers."""
 
-    def __init__(self, arguments: Sequence[sp.Symbol], entries: Sequence[Any]) -> None:
+    def __init__(
+        self,
+        arguments: Sequence[sp.Symbol],
+        entries: Sequence[Any],
+        assignments: Sequence[tuple[sp.Symbol, sp.Expr]] | None = None,
+    ) -> None:
         entries = [sp.sympify(entry) for entry in entries]
         self.places = [place for place, entry in enumerate(entries) if not entry.is_number]
         constant = [_number(entry) if entry.is_number else math.nan for entry in entries]
         self.constant = np.array(constant, float)
         reported = [entries[place] for place in self.places]
-        self.function = sp.lambdify(arguments, reported, modules="numpy", cse=True)
+        cse: Any = True if assignments is None else lambda formulas: (assignments, formulas)
+        self.function = sp.lambdify(arguments, reported, modules="numpy", cse=cse)
 
     def filled(self, given: Sequence[Any], stages: int) -> np.ndarray:
         """Return values (entries, stages) for arguments that are numbers or (stages,)."""
@@ -230,10 +241,21 @@ class _Compiled:
     def derivatives(self) -> _Table:
         """Entries of `Derivatives`, concatenated."""
         z = self.z
+        if sum(sp.count_ops(f) for f in self.f) > LARGE:
+            return self._derivatives_of_shared()
         hamiltonian = self.l + sum(mu * f for mu, f in zip(self.multipliers, self.f))
         entries = [*self.f, *(_slope(f, s) for f in self.f for s in z)]
         entries += [self.l, *(_slope(self.l, s) for s in z), *_hessian(hamiltonian, z)]
         return _Table([*self.arguments, *self.multipliers], entries)
+
+    def _derivatives_of_shared(self) -> _Table:
+        """Return the same entries in terms of shared subexpressions."""
+        shared = ChainRule([*self.f, sp.sympify(self.l)], self.z)
+        *f, cost = shared.values
+        entries = [*f, *(slope for value in f for slope in shared.slopes(value))]
+        hamiltonian = shared.weighted([sp.S.One, *self.multipliers], [cost, *f])
+        entries += [cost, *shared.slopes(cost), *shared.hessian(hamiltonian)]
+        return _Table([*self.arguments, *self.multipliers], entries, shared.assignments)
 
     @cached_property
     def rows(self) -> _Table:

@@ -10,8 +10,10 @@ from hypothesis import given, strategies as st
 from problems import SUITE
 from reference import casadi_functions
 
+import ann_dc
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.functions import LARGE, _compiled
 
 x, v, a, w = sp.symbols("x v a w")
 WITH_EVERYTHING = OptimalControlProblem(
@@ -25,7 +27,36 @@ WITH_EVERYTHING = OptimalControlProblem(
     q_0=(0.1, 0.2),
     inputs={w: (0.3, 0.4, 0.5, 0.6)},
 )
-PROBLEMS = {name: entry.problem for name, entry in SUITE.items()} | {"all": WITH_EVERYTHING}
+
+
+def fed_batch(horizon=4):
+    """Bioreactor by the rule of Runge and Kutta: 3,600 operations, written out."""
+    biomass, substrate, product, volume, feed = state = sp.symbols("X S P V F")
+
+    def rate(q):
+        given = dict(zip(state, q))
+        growth = (0.4 * substrate / (1.2 + substrate)).subs(given, simultaneous=True)
+        X, S, P, V = q
+        diluted = feed / V
+        return sp.Matrix([
+            growth * X - diluted * X, -2 * growth * X + diluted * (20 - S),
+            0.3 * growth * X + 0.05 * X - diluted * P, feed,
+        ])  # fmt: skip
+
+    q, step = sp.Matrix(state[:4]), sp.Rational(1, 3)
+    k1 = rate(q)
+    k2 = rate(q + step / 2 * k1)
+    k3 = rate(q + step / 2 * k2)
+    k4 = rate(q + step * k3)
+    return OptimalControlProblem(
+        states=(biomass, substrate, product, volume), controls=(feed,), dt=1 / 3, horizon=horizon,
+        map=tuple(q + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)), cost=feed**2 / 6,
+        q_0=(1, 5, 0, 2), q_d=(None, None, 0.5, None), bounds={feed: (0, 1)},
+    )  # fmt: skip
+
+
+PROBLEMS = {name: entry.problem for name, entry in SUITE.items()}
+PROBLEMS |= {"all": WITH_EVERYTHING, "fed batch": fed_batch()}
 
 
 def point(problem):
@@ -40,10 +71,37 @@ def of_stage(problem, k):
     return [values[k] for values in problem.inputs.values()]
 
 
+@pytest.fixture
+def shares(monkeypatch):
+    """Derivatives of all problems by shared subexpressions."""
+    _compiled.cache_clear()
+    monkeypatch.setattr("ann_dc.problem.functions.LARGE", -1)
+    yield
+    _compiled.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["all", "two_link_arm", "cstr"])
+def test_derivatives_by_shared_subexpressions(name, shares):
+    test_stage_functions_and_derivatives(name)
+
+
+def test_a_long_map_is_differentiated_by_shared_subexpressions():
+    problem = fed_batch()
+    assert sum(sp.count_ops(f) for f in problem.functions._compiled.f) > LARGE
+    test_stage_functions_and_derivatives("fed batch")
+
+
+def test_a_problem_with_a_long_map_settles_at_a_certified_optimum():
+    solution = ann_dc.solve(fed_batch(horizon=12))
+    assert solution.status.settled
+    assert solution.certified
+    assert solution["P"][-1] == pytest.approx(0.5, abs=1e-6)
+
+
 @pytest.mark.sampled(14)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_stage_functions_and_derivatives(name):
-    problem = PROBLEMS[name]
+    problem = replace(PROBLEMS[name])
     q, u, mu = point(problem)
     functions, k = problem.functions, problem.horizon - 1
     step, cost, _ = casadi_functions(problem)
