@@ -34,8 +34,8 @@ REVERSE = 0.8
 """Largest speed in reverse gear (m/s)."""
 HEAD = (
     f"{'planner':26}{'scenario':>8}{'result':>18}{'clearance':>11}{'length':>8}{'effort':>8}"
-    f"{'settled':>9}{'median':>9}{'filter':>9}\n"
-    f"{'':52}{'(m)':>11}{'(m)':>8}{'':8}{'(plans)':>9}{'(tau_min)':>9}{'(periods)':>9}"
+    f"{'settled':>10}{'median':>10}{'filter':>10}\n"
+    f"{'':52}{'(m)':>11}{'(m)':>8}{'':8}{'(% plans)':>10}{'(tau_min)':>10}{'(periods)':>10}"
 )
 """Head of the printed table; settling time: median over the plans."""
 
@@ -79,7 +79,7 @@ def line(journey: ClosedLoopRun) -> str:
         return text
     settled = sum(journey.residuals < 1e-3) / len(journey.residuals)
     spent = sorted(journey.spent)[len(journey.spent) // 2]
-    return text + f"{settled:9.0%}{spent:9.0f}{journey.shielded.sum():9d}"
+    return text + f"{settled:10.0%}{spent:10.0f}{journey.shielded.sum():10d}"
 
 
 def picture(journeys: dict[str, ClosedLoopRun]):

@@ -1,8 +1,9 @@
 """Derivatives of formulas that share subexpressions, by the chain rule over these.
 
 A rule of Runge and Kutta composes a map four times with itself. Written out, its second derivatives
-have 100 times as many terms as the map. Here every shared subexpression becomes a variable, as in
+have many times as many terms as the map. Here every shared subexpression becomes a variable, as in
 forward-mode automatic differentiation (Griewank and Walther, Evaluating Derivatives, chapter 3).
+The derivatives of the network are not used, since these functions certify it.
 """
 
 from __future__ import annotations
@@ -79,7 +80,8 @@ class ChainRule:
     def _assign(self, variable: sp.Symbol, formula: sp.Expr) -> None:
         """Append a variable, and those of its derivatives."""
         self.assignments.append((variable, formula))
-        inner = [v for v in self._slopes if v in formula.free_symbols]
+        symbols = formula.free_symbols
+        inner = [v for v in self._slopes if v in symbols]
         if not inner:
             return
         outer = {v: formula.diff(v) for v in inner}
